@@ -1,0 +1,188 @@
+"""A calibration folder: a chart photographed under several lights, with what it sent measured.
+
+calibration.toml                  optional
+A/cyan/*.dng  A/yellow/*.dng      the chart under light A, one folder a filter
+A/radiance.csv                    spectral radiance of each patch, W/(sr m2 nm)
+D65/...
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from calibration import chart, fit, primaries
+from calibration.errors import InputError, Problem, fault
+from calibration.spectra import Spectra, read_spectra
+
+SETTINGS_FILE = "calibration.toml"
+RADIANCE_FILE = "radiance.csv"
+CHARTS = ("colorchecker24",)
+
+_SIDECARS = {".toml", ".csv", ".txt", ".md", ".xmp", ".pp3", ".json", ".thm", ".ini"}
+
+
+@dataclass(frozen=True)
+class Light:
+    """The chart under one light.
+
+    name          its folder's
+    files         filter -> its raw files, sorted; the same filters for every light
+    radiance      spectra of the patches 1..24, W/(sr m2 nm)
+    radiance_csv  where they were read
+    """
+
+    name: str
+    files: dict[str, tuple[Path, ...]]
+    radiance: Spectra
+    radiance_csv: Path
+
+
+@dataclass(frozen=True)
+class Session:
+    """A calibration folder, read and checked; no photograph has been opened.
+
+    folder       as given
+    lights       by name
+    filters      their names, in order
+    patches      where the patches lie in the photographs; None: find them
+    patches_csv  where that was read; None likewise
+    primaries    the set to fit to: a name, or a folder's path
+    method       one of calibration.fit.METHODS
+    """
+
+    folder: Path
+    lights: tuple[Light, ...]
+    filters: tuple[str, ...]
+    patches: chart.Patches | None
+    patches_csv: Path | None
+    primaries: str
+    method: str
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The bands: cyan.R, cyan.G, ..."""
+        return tuple(f"{name}.{colour}" for name in self.filters for colour in "RGB")
+
+
+def read_session(folder: str | Path) -> Session:
+    """A calibration folder as a Session; raises InputError with every problem found."""
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise fault("no such folder", "a folder of chart photographs", "correct the path", folder)
+    problems: list[Problem] = []
+    settings = _settings(folder / SETTINGS_FILE, problems)
+    patches, patches_csv = None, None
+    if "patches" in settings:
+        patches_csv = folder / settings["patches"]
+        try:
+            patches = chart.read_boxes(patches_csv)
+        except InputError as error:
+            problems.extend(error.problems)
+    lights = [light for sub in _folders(folder) if (light := _light(sub, problems)) is not None]
+    filters = tuple(sorted({name for light in lights for name in light.files}))
+    problems.extend(_unequal(folder, lights, filters))
+    if problems:
+        raise InputError(problems)
+    return Session(
+        folder=folder,
+        lights=tuple(lights),
+        filters=filters,
+        patches=patches,
+        patches_csv=patches_csv,
+        primaries=_primaries(folder, settings.get("primaries", primaries.DEFAULT)),
+        method=settings.get("method", fit.DEFAULT_METHOD),
+    )
+
+
+def _primaries(folder: Path, wanted: str) -> str:
+    """A set's name as it is, a folder relative to calibration.toml as a path."""
+    return wanted if wanted in primaries.NAMES else str(folder / wanted)
+
+
+def _settings(path: Path, problems: list[Problem]) -> dict[str, str]:
+    """calibration.toml as far as it is right."""
+    if not path.is_file():
+        return {}
+    try:
+        table: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        problems.append(Problem(f"not TOML: {error}", "key = value lines", "correct it", path))
+        return {}
+    choices = {"chart": CHARTS, "method": fit.METHODS, "patches": None, "primaries": None}
+    good = {}
+    for key, value in table.items():
+        if key not in choices:
+            problems.append(
+                Problem(f"unknown setting {key!r}", ", ".join(choices), "take it out", path)
+            )
+        elif not isinstance(value, str) or value not in (choices[key] or (value,)):
+            expected = " or ".join(choices[key] or ("text",))
+            problems.append(Problem(f"{key} = {value!r}", expected, "correct it", path))
+        else:
+            good[key] = value
+    return good
+
+
+def _folders(folder: Path) -> list[Path]:
+    return sorted(p for p in folder.iterdir() if p.is_dir() and not p.name.startswith("."))
+
+
+def _light(folder: Path, problems: list[Problem]) -> Light | None:
+    files = {sub.name: found for sub in _folders(folder) if (found := _photographs(sub))}
+    radiance_csv = folder / RADIANCE_FILE
+    if not files and not radiance_csv.is_file():
+        return None  # some other folder
+    if not files:
+        problems.append(
+            Problem("no photographs", "a folder of raw files a filter", "add them", folder)
+        )
+    try:
+        radiance = read_spectra(radiance_csv, kind="power").resampled()
+    except InputError as error:
+        problems.extend(error.at(radiance_csv).problems)
+        return None
+    missing = [patch for patch in chart.PATCHES if patch not in radiance.names]
+    if missing:
+        problems.append(
+            Problem(
+                f"no column for patch {', '.join(missing)}",
+                "a column a patch, named 1 to 24 from the brown corner",
+                "measure them or rename the columns",
+                radiance_csv,
+            )
+        )
+        return None
+    return Light(folder.name, files, radiance.only(chart.PATCHES), radiance_csv)
+
+
+def _photographs(folder: Path) -> tuple[Path, ...]:
+    return tuple(
+        sorted(
+            p
+            for p in folder.iterdir()
+            if p.is_file() and not p.name.startswith(".") and p.suffix.lower() not in _SIDECARS
+        )
+    )
+
+
+def _unequal(folder: Path, lights: list[Light], filters: tuple[str, ...]) -> Iterator[Problem]:
+    if not lights:
+        yield Problem(
+            "no lights",
+            f"a folder a light with {RADIANCE_FILE} and a folder of raw files a filter",
+            "add them",
+            folder,
+        )
+    for light in lights:
+        missing = [name for name in filters if name not in light.files]
+        if missing and light.files:
+            yield Problem(
+                f"no photographs through {', '.join(missing)}",
+                f"the filters {', '.join(filters)}, as under the other lights",
+                "take them, or take this light's folder away",
+                folder / light.name,
+            )
