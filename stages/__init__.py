@@ -1,0 +1,1 @@
+"""What is done to a capture: pure functions of arrays, one verb a file."""

@@ -1,0 +1,59 @@
+import numpy as np
+import pytest
+
+from stages.normalise import normalise, reflectance_at
+from stages.transform import transform
+from stages.types import Measured
+
+
+@pytest.fixture
+def bands():
+    rng = np.random.default_rng(4)
+    values = rng.random((6, 4, 4, 6), np.float32)
+    return Measured(values, values * 0.01, np.ones((6, 4, 4), np.float32))
+
+
+def test_the_identity_leaves_six_channels_alone(bands):
+    same = transform(bands, np.eye(6))
+    np.testing.assert_array_equal(same.values, bands.values)
+    np.testing.assert_array_equal(same.variance, bands.variance)
+
+
+def test_variance_is_that_of_independent_bands():
+    """Against the spread of 20,000 noisy signals; its own sampling error is 1 %."""
+    rng = np.random.default_rng(5)
+    matrix = rng.normal(size=(6, 6))
+    sigma = rng.random(6) + 0.1
+    noisy = (rng.normal(size=(20000, 6)) * sigma).astype(np.float32)
+    variance = np.broadcast_to(sigma**2, (1, 6)).astype(np.float32)
+    one = Measured(np.zeros((1, 6), np.float32), variance, np.ones(1, np.float32))
+    spread = (noisy @ matrix.T.astype(np.float32)).var(axis=0)
+    np.testing.assert_allclose(transform(one, matrix).variance[0], spread, rtol=0.04)
+
+
+def test_nine_bands_become_six_primaries():
+    nine = np.ones((2, 9), np.float32)
+    light = transform(Measured(nine, nine, nine[:, 0]), np.full((6, 9), 1 / 9))
+    np.testing.assert_allclose(light.values, 1.0, rtol=1e-6)
+
+
+def test_a_white_sphere_changes_nothing(bands):
+    same = normalise(bands, np.ones((6, 4, 4, 6), np.float32))
+    np.testing.assert_array_equal(same.values, bands.values)
+    np.testing.assert_array_equal(same.variance, bands.variance)
+
+
+def test_what_a_sphere_reflected_comes_back(bands):
+    reflectance = np.full(bands.values.shape, 0.5, np.float32)
+    reflected = Measured(bands.values * 0.5, bands.variance * 0.25, bands.valid)
+    light = normalise(reflected, reflectance)
+    np.testing.assert_allclose(light.values, bands.values, rtol=1e-6)
+    np.testing.assert_allclose(light.variance, bands.variance, rtol=1e-6)
+
+
+def test_reflectance_is_read_between_the_angles_of_the_table():
+    table = np.array([[0.6, 0.5], [0.8, 0.9]])
+    read = reflectance_at(np.array([[0.0, 0.25], [0.5, np.nan]]), np.array([0.0, 0.5]), table)
+    np.testing.assert_allclose(read[0, 1], [0.7, 0.7], rtol=1e-6)
+    np.testing.assert_allclose(read[1, 0], [0.8, 0.9], rtol=1e-6)
+    assert np.isnan(read[1, 1]).all()
