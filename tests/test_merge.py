@@ -1,0 +1,346 @@
+import numpy as np
+import pytest
+
+from calibration.errors import InputError
+from stages.merge import merge, true_shutter
+from stages.types import Exposure
+
+RGGB = np.array([[0, 1], [1, 2]])
+ELECTRONS, READ = 30000.0, 6.0  # full scale, read noise
+LEVELS = 14000.0
+NOISE = (1 / ELECTRONS, READ / ELECTRONS)
+
+TAGS = (1 / 1000, 1 / 250, 1 / 60, 1 / 15, 0.3, 1.0)
+TIMES = (2.0**-10, 2.0**-8, 2.0**-6, 2.0**-4, 2.0 ** (-5 / 3), 1.0)  # what those tags stand for
+
+
+def expose(world, time_s, tag_s, rng, electrons=ELECTRONS, dark=0.0):
+    """An Exposure of a world in full scale per second: photon and read noise, rounding, clipping.
+
+    dark  (H, W) dark current in full scale per second
+    """
+    electrons_seen = rng.poisson(np.minimum((world + dark) * time_s, 30.0) * electrons)
+    signal = (electrons_seen + rng.normal(0, READ, world.shape)) / electrons
+    mosaic = np.minimum(np.round(signal * LEVELS) / LEVELS, 1.0).astype(np.float32)
+    return Exposure(mosaic, mosaic < 0.99, RGGB, light=tag_s, time_s=tag_s, levels=LEVELS)
+
+
+def shoot(world, rng, times=TIMES, tags=TAGS, **sensor):
+    return [
+        expose(world, time_s, tag, rng, **sensor) for time_s, tag in zip(times, tags, strict=True)
+    ]
+
+
+def steps_of_light(darkest=0.003, brightest=700.0, n=24, size=(200, 240)):
+    """A world of vertical stripes (H, W), each brighter than the last by the same ratio."""
+    levels = np.geomspace(darkest, brightest, n)
+    return np.tile(np.repeat(levels, size[1] // n), (size[0], 1)), levels
+
+
+def stripes(image, n=24):
+    """Stripe by stripe, without the two columns beside the next one."""
+    width = image.shape[1] // n
+    return image.reshape(len(image), n, width)[:, :, 2:-2].swapaxes(0, 1).reshape(n, -1)
+
+
+@pytest.fixture(scope="module")
+def merged():
+    world, levels = steps_of_light()
+    return merge(shoot(world, np.random.default_rng(1))), world, levels
+
+
+def test_all_levels_come_back_unbiased(merged):
+    result, _, levels = merged
+    samples = stripes(result.mosaic)
+    error = np.nanmean(samples, axis=1) / levels - 1
+    standard_error = np.nanstd(samples, axis=1) / np.sqrt(samples.shape[1]) / levels
+    # 24 stripes: four standard errors, and .1 % for the ratios.
+    assert np.all(np.abs(error) < 4 * standard_error + 1e-3)
+    # Where it is well known that is better than 1 %.
+    assert np.all(np.abs(error[levels > 0.05]) < 2e-3)
+
+
+def test_the_variance_is_what_is_seen(merged):
+    result, _, _ = merged
+    seen = np.nanvar(stripes(result.mosaic), axis=1)
+    said = np.nanmean(stripes(result.variance), axis=1)
+    # 1200 samples a stripe give a variance to 4 %.
+    np.testing.assert_allclose(said, seen, rtol=0.2)
+    assert np.mean(said / seen) == pytest.approx(1, abs=0.05)
+
+
+def test_no_unbiased_estimate_could_have_less_variance(merged):
+    """The Cramer-Rao bound: the information of all exposures that did not saturate adds up."""
+    result, _, levels = merged
+    information = np.zeros_like(levels)
+    for time_s in TIMES:
+        noise = levels * time_s * NOISE[0] + NOISE[1] ** 2 + 1 / LEVELS**2 / 12
+        information += np.where(levels * time_s < 0.95, time_s**2 / noise, 0)
+    seen = np.nanvar(stripes(result.mosaic), axis=1)
+    assert np.mean(seen * information) == pytest.approx(1, abs=0.06)
+
+
+def test_the_noise_of_the_camera_is_found(merged):
+    result, _, _ = merged
+    np.testing.assert_allclose(result.noise, NOISE, rtol=0.1)
+
+
+def test_true_times_are_found_behind_rounded_tags(merged):
+    result, _, _ = merged
+    assert result.tagged == TAGS
+    # To .1 % each, scale included: the tag 1/15 alone is 6.7 % off.
+    np.testing.assert_allclose(result.solved, TIMES, rtol=1e-3)
+
+
+def test_ratios_of_a_scattering_shutter_are_solved():
+    scatter = np.array([1.03, 0.98, 1.01, 0.96, 1.02, 1.0])
+    times = np.array(TIMES) * scatter
+    world, _ = steps_of_light()
+    result = merge(shoot(world, np.random.default_rng(2), times=times))
+    off = np.array(result.solved) / times
+    np.testing.assert_allclose(off / off.mean(), 1, atol=1e-3)
+    # The scale is that of the shutter's mean error, which nothing in the bracket knows.
+    assert off.mean() == pytest.approx(1 / scatter.mean(), rel=2e-3)
+
+
+def test_tags_that_are_kept_to_the_letter_are_believed():
+    # An electronic shutter: the overlaps contradict 1/64 and 1/16.
+    world, _ = steps_of_light()
+    result = merge(shoot(world, np.random.default_rng(3), times=TAGS))
+    np.testing.assert_allclose(result.solved, TAGS, rtol=1e-3)
+
+
+def test_ratios_hold_where_part_of_the_scene_moved():
+    rng = np.random.default_rng(4)
+    world, _ = steps_of_light()
+    moved = world.copy()
+    moved[:60] = world[:60, ::-1]
+    exposures = shoot(world, rng)
+    exposures[3] = expose(moved, TIMES[3], TAGS[3], rng)
+    np.testing.assert_allclose(merge(exposures).solved, TIMES, rtol=3e-3)
+
+
+def test_the_order_of_exposures_does_not_matter(merged):
+    world, _ = steps_of_light()
+    exposures = shoot(world, np.random.default_rng(1))
+    order = [3, 0, 5, 1, 4, 2]
+    shuffled = merge([exposures[i] for i in order])
+    result = merged[0]
+    np.testing.assert_allclose(shuffled.solved, np.array(result.solved)[order], rtol=1e-6)
+    np.testing.assert_allclose(shuffled.mosaic, result.mosaic, rtol=1e-5, atol=1e-7)
+    assert np.array_equal(shuffled.valid, result.valid)
+
+
+def test_exposures_are_asked_for_one_at_a_time_and_twice_at_most():
+    exposures = shoot(*_small())
+    given = []
+
+    class Lazy:
+        def __iter__(self):
+            given.append(0)
+            for exposure in exposures:
+                given[-1] += 1
+                yield exposure
+
+    before = [exposure.mosaic.copy() for exposure in exposures]
+    merge(Lazy())
+    assert given == [len(exposures)] * 2
+    for exposure, mosaic in zip(exposures, before, strict=True):
+        np.testing.assert_array_equal(exposure.mosaic, mosaic)
+
+
+def _small():
+    """A small smooth world (40, 60) of .1 to 7 per second."""
+    y, x = np.mgrid[:40, :60]
+    return 0.1 * 70 ** (0.5 + 0.25 * np.sin(x / 5) + 0.25 * np.cos(y / 4)), np.random.default_rng(5)
+
+
+def test_a_constant_world_stays_constant():
+    exposures = [
+        Exposure(
+            mosaic=np.full((30, 40), 0.4 * t, np.float32),
+            usable=np.full((30, 40), 0.4 * t < 0.99),
+            cfa=RGGB,
+            light=t,
+            time_s=t,
+            levels=LEVELS,
+        )
+        for t in (0.25, 1.0, 4.0)
+    ]
+    result = merge(exposures)
+    np.testing.assert_allclose(result.mosaic, 0.4, rtol=1e-6)
+    assert result.valid.all()
+
+
+def test_noise_around_black_is_not_cut_off():
+    rng = np.random.default_rng(6)
+    world, _ = steps_of_light()
+    world[:100] = 0
+    result = merge(shoot(world, rng))
+    black = result.mosaic[:98]
+    assert (black < 0).mean() == pytest.approx(0.5, abs=0.02)
+    assert abs(black.mean()) < 4 * black.std() / np.sqrt(black.size)
+
+
+def test_saturated_samples_do_not_count():
+    world, rng = _small()
+    exposures = shoot(world, rng)
+    clean = merge(exposures)
+    spoilt = [
+        Exposure(np.where(e.usable, e.mosaic, 7e5), e.usable, RGGB, e.light, e.time_s, e.levels)
+        for e in exposures
+    ]
+    result = merge(spoilt)
+    np.testing.assert_array_equal(result.mosaic, clean.mosaic)
+    assert result.clipped[-1] == pytest.approx(1 - exposures[-1].usable.mean())
+
+
+def test_what_saturates_in_every_exposure_is_not_known():
+    world, rng = _small()
+    world[10:20, 30:45] = 1e5
+    result = merge(shoot(world, rng))
+    expected = np.zeros(world.shape, bool)
+    expected[10:20, 30:45] = True
+    assert np.array_equal(~result.valid, expected)
+    assert np.isnan(result.mosaic[expected]).all()
+    assert np.isnan(result.variance[expected]).all()
+    assert result.lost == pytest.approx(expected.mean())
+
+
+def test_levels_at_the_edge_of_saturation_are_not_pulled_down():
+    """Where half of a level's samples saturate the other half is darker than it by chance."""
+    rng = np.random.default_rng(7)
+    levels = 0.99 / TIMES[4] * np.linspace(0.985, 1.01, 12)
+    world = np.tile(np.repeat(levels, 40), (200, 1))
+    world[:40] = np.geomspace(0.01, 500, 480)  # something to solve ratios from
+    result = merge(shoot(world, rng, electrons=5000.0))
+    samples = result.mosaic[42:].reshape(-1, 12, 40).swapaxes(0, 1).reshape(12, -1)
+    # The noise of a sample at full scale is 1.4 %; its truncation alone would be .5 % and more.
+    np.testing.assert_allclose(samples.mean(axis=1) / levels, 1, atol=2.5e-3)
+
+
+def test_a_single_exposure_is_its_signal_per_light():
+    world, rng = _small()
+    exposure = expose(world, 2.0**-4, 1 / 15, rng)
+    result = merge([exposure])
+    assert result.solved == pytest.approx((2.0**-4,))
+    np.testing.assert_allclose(result.mosaic, exposure.mosaic * 16, rtol=1e-5)
+    assert result.noise == (1 / LEVELS, 2 / LEVELS)
+
+
+def test_without_overlaps_the_tags_decide():
+    rng = np.random.default_rng(8)
+    world = np.full((40, 60), 1e-3)
+    world[:, 30:] = 800.0  # dark in the one, saturated in the other
+    result = merge(shoot(world, rng, times=(2.0**-10, 1.0), tags=(1 / 1000, 1.0)))
+    assert result.solved == pytest.approx((2.0**-10, 1.0))
+
+
+def test_light_is_scaled_by_iso_and_aperture():
+    world, rng = _small()
+    exposures = [
+        Exposure(e.mosaic, e.usable, RGGB, e.light * 2 / 16, e.time_s, e.levels)
+        for e in shoot(world, rng)
+    ]
+    result = merge(exposures)
+    np.testing.assert_allclose(result.solved, np.array(TIMES) / 8, rtol=2e-3)
+
+
+def test_hot_and_dead_pixels_are_marked_and_nothing_else():
+    rng = np.random.default_rng(9)
+    y, x = np.mgrid[:120, :160]
+    world = 0.3 + 0.2 * np.sin(x / 5) * np.cos(y / 7)  # a scene with shape, and an edge
+    world[:, 100:] *= 40
+    world[40:43, 20:80] = 6.0  # a thin bright line
+    dark = np.zeros_like(world)
+    hot = rng.permutation(np.flatnonzero((y % 6 == 3) & (x % 6 == 3) & (x < 95) & (y > 48)))[:30]
+    dark.flat[hot] = rng.uniform(1.0, 50.0, 30)
+    exposures = shoot(world, rng, dark=dark)
+    for exposure in exposures:
+        exposure.mosaic[70, 120] = 0  # dead
+    result = merge(exposures)
+    expected = np.zeros(world.shape, bool)
+    expected.flat[hot] = True
+    expected[70, 120] = True
+    assert np.array_equal(result.defective, expected)
+    assert np.array_equal(~result.valid, expected)
+    assert np.isnan(result.mosaic[expected]).all()
+    assert result.lost == 0
+
+
+def test_a_glint_is_not_a_hot_pixel():
+    import cv2
+
+    rng = np.random.default_rng(10)
+    glint = np.zeros((60, 60))
+    for y, x in ((20, 20), (21, 41), (40, 21), (41, 40)):  # on each colour
+        glint[y, x] = 300.0
+    world = 0.3 + cv2.GaussianBlur(glint, (0, 0), 0.6)  # a sharp lens
+    assert not merge(shoot(world, rng)).defective.any()
+
+
+def test_texture_of_single_pixels_is_not_a_defect():
+    rng = np.random.default_rng(13)
+    world = rng.normal(1, 0.03, (80, 80))  # ten times the noise
+    assert not merge(shoot(world, rng)).defective.any()
+
+
+def test_a_black_bracket_is_refused():
+    rng = np.random.default_rng(11)
+    with pytest.raises(InputError, match="expose longer"):
+        merge(shoot(np.zeros((60, 80)), rng))
+
+
+def test_a_black_single_photograph_is_refused():
+    rng = np.random.default_rng(11)
+    with pytest.raises(InputError, match="expose longer"):
+        merge([expose(np.zeros((60, 80)), 1.0, 1.0, rng)])
+
+
+def test_a_bracket_that_saturates_throughout_is_refused():
+    rng = np.random.default_rng(12)
+    with pytest.raises(InputError, match="add shorter exposures"):
+        merge(shoot(np.full((60, 80), 1e5), rng))
+
+
+@pytest.mark.parametrize(
+    ("tag", "true"),
+    [
+        (1 / 8000, 2.0**-13),
+        (1 / 1000, 2.0**-10),
+        (1 / 320, 2.0 ** (-25 / 3)),
+        (1 / 125, 2.0**-7),
+        (1 / 60, 1 / 64),
+        (1 / 30, 1 / 32),
+        (1 / 15, 1 / 16),
+        (1 / 13, 2.0 ** (-11 / 3)),
+        (1 / 6, 2.0 ** (-8 / 3)),
+        (0.3, 2.0 ** (-5 / 3)),
+        (1 / 3, 2.0 ** (-5 / 3)),
+        (0.4, 2.0 ** (-4 / 3)),
+        (0.5, 0.5),
+        (0.6, 2.0 ** (-2 / 3)),
+        (1.3, 2.0 ** (1 / 3)),
+        (6.0, 2.0 ** (8 / 3)),
+        (15.0, 16.0),
+        (30.0, 32.0),
+        (1 / 45, 2.0**-5.5),  # halves of a stop
+        (1 / 350, 2.0**-8.5),
+        (0.7, 2.0**-0.5),
+        (1.5, 2.0**0.5),
+        (1 / 32, 1 / 32),  # not names: kept
+        (1 / 33, 1 / 33),
+        (1 / 48, 1 / 48),
+        (0.0123, 0.0123),
+        (60.0, 60.0),
+        (0.03333, 1 / 32),  # as written by tools that round
+    ],
+)
+def test_shutter_names_stand_for_powers_of_two(tag, true):
+    assert true_shutter(tag) == pytest.approx(true, rel=1e-12)
+
+
+def test_thirds_of_a_stop_are_evenly_spaced():
+    series = [60, 50, 40, 30, 25, 20, 15, 13, 10, 8, 6, 5, 4]
+    times = [true_shutter(1 / d) for d in series]
+    np.testing.assert_allclose(np.diff(np.log2(times)), 1 / 3, rtol=1e-9)
