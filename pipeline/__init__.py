@@ -1,0 +1,1 @@
+"""When and where: everything around the stages."""

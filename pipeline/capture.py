@@ -1,0 +1,396 @@
+"""A folder of photographs and its capture.toml, read and checked into a Capture.
+
+Everything in capture.toml has a default or comes from the files. Whatever is wrong is found here,
+all of it, before anything is written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from calibration import fit, metals, primaries, spectra
+from calibration.errors import InputError, Problem, fault
+from pipeline import io
+from pipeline.tables import Table, read_toml
+
+_DEFAULT_MATERIAL = "stainless steel"  # what the paper's sphere and most gazing balls are made of
+_SIDECARS = {".toml", ".csv", ".txt", ".md", ".xmp", ".pp3", ".json", ".thm", ".ini"}
+
+
+@dataclass(frozen=True)
+class Filter:
+    """The photographs taken through one filter, by name of file."""
+
+    name: str
+    shots: tuple[io.Shot, ...]
+
+
+@dataclass(frozen=True)
+class SphereSpec:
+    """What is known of the mirror sphere before looking; see INTERFACE's [sphere].
+
+    radius_mm, distance_mm   the latter None where focal_px is to give it
+    material                 a name of calibration.metals, or a CSV of n and k
+    reflectance              CSV of a measured near-normal curve, or None
+    outline                  x, y, radius in px, or None to find it
+    """
+
+    radius_mm: float
+    distance_mm: float | None
+    material: str | Path
+    reflectance: Path | None
+    outline: tuple[float, float, float] | None
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Where M_S comes from: a file of `sixlight fit`, or the sensitivities of camera and filters.
+
+    primaries  the set wanted, a name or a folder; None for the transform's own
+    """
+
+    transform: Path | None = None
+    camera: Path | None = None
+    filters: Path | None = None
+    primaries: str | Path | None = None
+
+
+@dataclass(frozen=True)
+class Capture:
+    """A checked capture. Reading it has opened every file's header, and written nothing."""
+
+    folder: Path
+    name: str
+    filters: tuple[Filter, ...]
+    sphere: SphereSpec
+    focal_px: float | None
+    calibration: Calibration
+    yaw_deg: float
+    notes: tuple[str, ...]
+
+    @property
+    def shots(self) -> tuple[io.Shot, ...]:
+        return tuple(shot for f in self.filters for shot in f.shots)
+
+    @property
+    def bands(self) -> tuple[str, ...]:
+        """Names of the camera's bands, in order: cyan.R cyan.G cyan.B yellow.R ..."""
+        return tuple(f"{f.name}.{c}" for f in self.filters for c in "RGB")
+
+    @cached_property
+    def primaries(self) -> primaries.Primaries | None:
+        """The set the light is wanted in; None without a calibration."""
+        c = self.calibration
+        if c.primaries is not None:
+            return primaries.load(c.primaries)
+        if c.transform is not None:
+            return _primaries_of(c.transform)
+        return primaries.load() if c.camera is not None else None
+
+    @cached_property
+    def transform(self) -> fit.Transform | None:
+        """M_S, read or fitted from known sensitivities; None without a calibration."""
+        c = self.calibration
+        if self.primaries is None:
+            return None
+        if c.transform is not None:
+            try:
+                return fit.matched(fit.read_transform(c.transform), self.bands, self.primaries)
+            except InputError as error:
+                raise error.at(c.transform) from None
+        assert c.camera is not None
+        assert c.filters is not None
+        camera = spectra.read_spectra(c.camera, "power")
+        filters = spectra.read_spectra(c.filters, "fraction")
+        try:
+            return fit.from_sensitivities(
+                camera,
+                filters,
+                primaries=self.primaries,
+                filter_names=[f.name for f in self.filters],
+            )
+        except InputError as error:
+            raise error.at(c.filters) from None
+
+
+def _primaries_of(transform: Path) -> primaries.Primaries:
+    """The named set a transform was fitted to."""
+    name = fit.read_transform(transform).primaries
+    if name not in primaries.NAMES:
+        raise fault(
+            f"the primaries {name!r} are not a named set",
+            ", ".join(primaries.NAMES),
+            'give their folder as primaries = "FOLDER" under [calibration]',
+            transform,
+        )
+    return primaries.load(name)
+
+
+def load(folder: Path) -> Capture:
+    """Reads and checks a capture; InputError lists everything wrong with it."""
+    folder = Path(folder)
+    if not folder.is_dir():
+        found = "is not a folder" if folder.exists() else "no such folder"
+        raise fault(found, "a folder of raw photographs", "check the path", folder)
+    file = folder / "capture.toml"
+    problems: list[Problem] = []
+    root = Table(read_toml(file) if file.is_file() else {}, problems, file)
+
+    name = root.text("name", folder.resolve().name) or folder.resolve().name
+    camera = root.table("camera")
+    lens = {
+        "iso": camera.number("iso", "ISO", low=1, high=1e7),
+        "f_number": camera.number("f_number", "f/", low=0.5, high=1000),
+        "focal_length_mm": camera.number("focal_length_mm", "mm", low=1, high=1e5),
+        "pixel_pitch_um": camera.number("pixel_pitch_um", "um", low=0.1, high=1000),
+    }
+    filters = _filters(root, folder, lens["iso"], lens["f_number"], problems)
+    shots = [shot for f in filters for shot in f.shots]
+    _check_shots(filters, problems)
+    notes = _notes(shots)
+    focal_px = _focal_px(shots, lens["focal_length_mm"], lens["pixel_pitch_um"])
+    sphere = _sphere(root.table("sphere"), focal_px, shots, problems, notes)
+    yaw = root.table("orientation")
+    yaw_deg = yaw.number("yaw_deg", "degrees", low=-360, high=360) or 0.0
+    calibration = _calibration(root.table("calibration"))
+    if root.tables("view"):
+        problems.append(
+            Problem(
+                "[[view]] is not supported by this version",
+                "one camera position",
+                "give each camera position a capture of its own",
+                file,
+            )
+        )
+    for table in (root, camera, yaw):
+        table.nothing_else()
+
+    capture = Capture(folder, name, filters, sphere, focal_px, calibration, yaw_deg, tuple(notes))
+    if not problems:  # M_S is matched to the bands, so the photographs must be right first
+        _collect(problems, lambda: capture.transform)
+    _collect(problems, lambda: _check_metal(sphere))
+    if problems:
+        raise InputError(problems)
+    return capture
+
+
+def _collect(problems: list[Problem], check: Callable[[], object]) -> None:
+    try:
+        check()
+    except InputError as error:
+        problems.extend(error.problems)
+
+
+def _filters(root: Table, folder: Path, iso, f_number, problems) -> tuple[Filter, ...]:
+    """The filters' photographs: as [[filter]] says, or the sub-folders that hold raw files."""
+    named: list[tuple[str, list[Path], tuple[float, ...] | None]] = []
+    tables = root.tables("filter")
+    for table in tables:
+        name = table.text("name")
+        pattern = table.text("files", f"{name}/*")
+        times = table.numbers("times_s", "seconds")
+        table.nothing_else()
+        if name is None:
+            table.wrong("name", "missing", "the filter's name", 'add name = "cyan"')
+        elif name in (n for n, _, _ in named):
+            table.wrong("name", f"{name!r} again", "each filter once", "merge or rename them")
+        elif any(c in name for c in "./\\ "):
+            table.wrong("name", repr(name), "a name without dots, slashes or spaces", "rename it")
+        else:
+            named.append((name, _matching(table, folder, pattern or ""), times))
+    if not tables:
+        for sub in sorted(p for p in folder.iterdir() if p.is_dir() and p.name != "dark"):
+            files = _photographs(sub.iterdir())
+            if any(io.is_raw(p) for p in files):
+                named.append((sub.name, files, None))
+        if not named and not problems:
+            raise fault(
+                "no raw files found",
+                "a sub-folder of raw files for each filter, such as cyan/ and yellow/",
+                "copy the photographs there or name them in capture.toml",
+                folder,
+            )
+    if len(named) == 1:
+        problems.append(
+            Problem(
+                f"only one filter, {named[0][0]!r}",
+                "photographs through two filters or more",
+                "add the other filter's folder",
+                folder,
+            )
+        )
+    return tuple(
+        Filter(name, _shots(files, times, iso, f_number, folder / name, problems))
+        for name, files, times in named
+    )
+
+
+def _matching(table: Table, folder: Path, pattern: str) -> list[Path]:
+    """Files a pattern names, inside the folder only."""
+    try:
+        found = _photographs(folder.glob(pattern))
+    except (ValueError, NotImplementedError):
+        found = []
+    base = folder.resolve()
+    if ".." in Path(pattern).parts or any(not p.resolve().is_relative_to(base) for p in found):
+        table.wrong("files", repr(pattern), "files inside the capture's folder", "move them there")
+        return []
+    if not found:
+        table.wrong("files", f"{pattern!r}, which matches no file", "raw files", "correct it")
+    return found
+
+
+def _photographs(paths: Iterable[Path]) -> list[Path]:
+    """The files among paths that are meant as photographs: not hidden, no side-car."""
+    return sorted(
+        p
+        for p in paths
+        if p.is_file() and not p.name.startswith(".") and p.suffix.lower() not in _SIDECARS
+    )
+
+
+def _shots(files, times, iso, f_number, place, problems) -> tuple[io.Shot, ...]:
+    if times is not None and len(times) != len(files):
+        problems.append(
+            Problem(
+                f"{len(files)} photographs but {len(times)} times_s",
+                "one time per photograph, in order of the file names",
+                "correct times_s",
+                place,
+            )
+        )
+        times = None
+    shots, wrong = io.read_shots(files, times_s=times, iso=iso, f_number=f_number)
+    problems += wrong
+    return tuple(shots)
+
+
+def _check_shots(filters: tuple[Filter, ...], problems: list[Problem]) -> None:
+    """One camera, one size, one CFA; as many exposures through each filter."""
+    counts = {f.name: len(f.shots) for f in filters}
+    if len(set(counts.values())) > 1 and not problems:
+        listed = ", ".join(f"{n} {name}" for name, n in counts.items())
+        problems.append(
+            Problem(
+                f"filters have unequal numbers of photographs: {listed}",
+                "the same bracket through each filter",
+                "add the missing photographs or remove the surplus",
+                filters[0].shots[0].path.parent.parent if filters[0].shots else None,
+            )
+        )
+    shots = [shot for f in filters for shot in f.shots]
+    for shot in shots[1:]:
+        first = shots[0]
+        for what, mine, others in (
+            ("camera", shot.camera, first.camera),
+            ("size", shot.size, first.size),
+            ("CFA pattern", shot.cfa, first.cfa),
+        ):
+            if mine != others:
+                problems.append(
+                    Problem(
+                        f"{what} {_said(mine)}",
+                        f"{_said(others)} as in {first.path.name}",
+                        "keep photographs of one camera and setting only",
+                        shot.path,
+                    )
+                )
+
+
+def _said(value) -> str:
+    return " x ".join(map(str, value[::-1])) if isinstance(value, tuple) else repr(value)
+
+
+def _notes(shots) -> list[str]:
+    """What was taken for granted, for the user to see."""
+    notes = []
+    if any(shot.iso_missing for shot in shots):
+        notes.append("no ISO in the files: 100 is assumed for all")
+    if any(shot.f_number_missing for shot in shots):
+        notes.append("no aperture in the files: f/1 is assumed for all")
+    return notes
+
+
+def _focal_px(shots, focal_length_mm, pixel_pitch_um) -> float | None:
+    if shots:
+        focal_length_mm = focal_length_mm or shots[0].focal_length_mm
+        pixel_pitch_um = pixel_pitch_um or shots[0].pixel_pitch_um
+    if focal_length_mm is None or pixel_pitch_um is None:
+        return None
+    return focal_length_mm * 1000.0 / pixel_pitch_um
+
+
+def _sphere(table: Table, focal_px, shots, problems, notes) -> SphereSpec:
+    radius = table.number("radius_mm", "mm", low=0.1, high=1e5)
+    distance = table.number("distance_mm", "mm", low=1, high=1e6)
+    outline = table.numbers("outline", "px: x, y, radius", 3)
+    reflectance = table.path("reflectance")
+    text = table.text("material", _DEFAULT_MATERIAL) or _DEFAULT_MATERIAL
+    material: str | Path = text
+    if text.lower().endswith(".csv"):
+        material = table.path("material") or _DEFAULT_MATERIAL
+    elif text not in metals.MATERIALS:
+        known = ", ".join(metals.MATERIALS)
+        table.wrong("material", repr(text), f"one of {known}, or a CSV of n and k", "correct it")
+        material = _DEFAULT_MATERIAL
+    if "material" not in table.content and "reflectance" not in table.content:
+        notes.append(f"no sphere material given: {_DEFAULT_MATERIAL} is assumed")
+    table.nothing_else()
+    if "distance_mm" in table.content and "radius_mm" not in table.content:
+        # Directions depend on distance / radius: one without the other says nothing. With
+        # neither, the lens gives that ratio, and the radius is only a scale that nothing uses.
+        table.wrong("radius_mm", "missing", "the sphere's radius in mm", "measure it and add it")
+    if distance is None and "distance_mm" not in table.content and focal_px is None:
+        table.wrong(
+            "distance_mm",
+            "missing, and the lens is not known either",
+            "the distance from the lens's entrance pupil to the sphere's centre in mm",
+            "add it, or focal_length_mm and pixel_pitch_um under [camera]",
+        )
+    if radius is not None and distance is not None and distance <= 1.05 * radius:
+        table.wrong(
+            "distance_mm", f"{distance:g}", f"well above radius_mm {radius:g}", "correct it"
+        )
+    if outline is not None and shots:
+        x, y, r = outline
+        height, width = shots[0].size
+        if x - r < 0 or y - r < 0 or x + r > width or y + r > height:
+            expected = f"a circle inside the {width} x {height} photograph"
+            table.wrong("outline", repr(list(outline)), expected, "correct it or photograph again")
+    place = (outline[0], outline[1], outline[2]) if outline else None
+    return SphereSpec(radius or 50.0, distance, material, reflectance, place)
+
+
+def _calibration(table: Table) -> Calibration:
+    named = table.text("primaries")
+    wanted: str | Path | None = named
+    if named is not None and named not in primaries.NAMES:
+        wanted = table.file.parent / named
+        if not wanted.is_dir():
+            known = ", ".join(primaries.NAMES)
+            expected = f"one of {known}, or a folder of the capture's"
+            table.wrong("primaries", repr(named), expected, "correct it")
+            wanted = None
+    calibration = Calibration(
+        table.path("transform"), table.path("camera"), table.path("filters"), wanted
+    )
+    table.nothing_else()
+    content = table.content
+    if "transform" in content and ("camera" in content or "filters" in content):
+        table.wrong(
+            "transform", "given beside camera and filters", "one or the other", "remove one"
+        )
+    elif ("camera" in content) != ("filters" in content):
+        have, lack = ("camera", "filters") if "camera" in content else ("filters", "camera")
+        table.wrong(have, f"given without {lack}", "both", f"add {lack}, a CSV of its spectra")
+    return calibration
+
+
+def _check_metal(sphere: SphereSpec) -> None:
+    if isinstance(sphere.material, Path):
+        metals.optical_constants(sphere.material)
+    if sphere.reflectance is not None:
+        metals.near_normal(sphere.reflectance)

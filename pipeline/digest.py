@@ -1,0 +1,109 @@
+"""Digests that say whether a result is current: of files, of values, and of the code."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import hashlib
+import importlib.util
+import inspect
+import json
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+_OURS = ("pipeline", "stages", "calibration", "shaders")
+
+
+def of_file(path: Path) -> str:
+    """SHA-256 of a file's content, in hex."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def of_values(values: Any) -> str:
+    """SHA-256 of data, in hex: dicts, lists, numbers, text, arrays, paths and dataclasses."""
+    text = json.dumps(values, sort_keys=True, default=_plain)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _plain(value: Any) -> Any:
+    if dataclasses.is_dataclass(value):
+        return vars(value)
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else str(value)
+
+
+def of_code(function: Callable[..., Any]) -> str:
+    """SHA-256 of the project's code a function can reach.
+
+    That is its own source, and the whole of every module of ours that the names in it lead to,
+    followed through their imports; for a package with data (shaders, calibration) its data too.
+    """
+    parts = [inspect.getsource(function)]
+    reached: set[str] = set()
+    for name in _names_in(function.__code__):
+        value = function.__globals__.get(name)
+        if isinstance(value, ModuleType):
+            module = value.__name__
+        elif getattr(value, "__module__", None) == function.__module__ and callable(value):
+            parts.append(inspect.getsource(value))  # a helper beside it
+            continue
+        else:
+            module = getattr(value, "__module__", None) or ""
+        reached |= _closure(module)
+    parts += [_content(module) for module in sorted(reached)]
+    return hashlib.sha256("\0".join(parts).encode()).hexdigest()
+
+
+def _names_in(code) -> set[str]:
+    nested = (c for c in code.co_consts if inspect.iscode(c))
+    return set(code.co_names).union(*map(_names_in, nested))
+
+
+@cache
+def _closure(module: str) -> frozenset[str]:
+    """Our modules that importing `module` leads to, itself included."""
+    reached: set[str] = set()
+    waiting = [module]
+    while waiting:
+        name = waiting.pop()
+        if name in reached or name.split(".")[0] not in _OURS:
+            continue
+        spec = importlib.util.find_spec(name)
+        if spec is None or spec.origin is None:
+            continue
+        reached.add(name)
+        for node in ast.walk(ast.parse(Path(spec.origin).read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                waiting += [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                waiting.append(node.module)
+                waiting += [f"{node.module}.{a.name}" for a in node.names if _is_module(node, a)]
+    return frozenset(reached)
+
+
+def _is_module(node: ast.ImportFrom, alias: ast.alias) -> bool:
+    if str(node.module).split(".")[0] not in _OURS:
+        return False
+    try:
+        return importlib.util.find_spec(f"{node.module}.{alias.name}") is not None
+    except ModuleNotFoundError:  # node.module is a module, not a package
+        return False
+
+
+@cache
+def _content(module: str) -> str:
+    """A module's source; for a package also its data files, by digest."""
+    spec = importlib.util.find_spec(module)
+    assert spec is not None
+    assert spec.origin is not None
+    text = Path(spec.origin).read_text(encoding="utf-8")
+    if spec.submodule_search_locations:
+        folder = Path(spec.origin).parent
+        data = sorted(p for p in folder.rglob("*") if p.is_file() and p.suffix[:3] != ".py")
+        text += "".join(f"\n{p.relative_to(folder)} {of_file(p)}" for p in data)
+    return text

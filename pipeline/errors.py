@@ -1,0 +1,38 @@
+"""What goes wrong around the stages: the user's input, the machine, or us."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from calibration.errors import InputError, Problem, fault
+
+__all__ = ["InputError", "Problem", "fault", "storing"]
+
+# What the operating system says when a place cannot take a file, and what the user can do.
+_STORAGE = {
+    errno.ENOSPC: ("no space is left on the device", "free some space or choose another with -o"),
+    errno.EDQUOT: ("the disk quota is used up", "free some space or choose another with -o"),
+    errno.EFBIG: ("the file would exceed the size limit", "raise the limit or choose another -o"),
+    errno.EACCES: ("permission is denied", "choose a folder you may write to with -o"),
+    errno.EPERM: ("permission is denied", "choose a folder you may write to with -o"),
+    errno.EROFS: ("the file system is read-only", "choose a folder you may write to with -o"),
+    errno.ENOTDIR: ("a file stands where a folder is needed", "choose another folder with -o"),
+    errno.EEXIST: ("a file stands where a folder is needed", "choose another folder with -o"),
+    errno.EISDIR: ("a folder stands where a file is needed", "remove it or choose another -o"),
+    errno.ENAMETOOLONG: ("the name is too long", "choose a shorter one with -o"),
+}
+
+
+@contextmanager
+def storing(place: str | Path) -> Iterator[None]:
+    """Turns the operating system's refusal to store something at `place` into an InputError."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in _STORAGE:
+            raise
+        found, remedy = _STORAGE[error.errno]
+        raise fault(found, "a folder that can be written to", remedy, place) from error

@@ -1,0 +1,450 @@
+"""The only file that opens photographs and images.
+
+Raw files are read through LibRaw (rawpy), everything else through OpenImageIO. What is written
+goes to exactly the path given; moving it into place is the runner's business.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.errors import InputError, Problem, fault, storing
+from stages.types import Frame, Measured, Radiance
+
+# ---------------------------------------------------------------------------------------- raw
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One raw file as its header describes it.
+
+    size             (height, width) of the visible raw image
+    cfa              colours of the 2 x 2 pattern, row by row: "RGGB"
+    camera           make and model; "" where the file does not say
+    time_s, iso, f_number
+                     as tagged, or as given for the file
+    focal_length_mm, pixel_pitch_um
+                     None where the file does not say
+    """
+
+    path: Path
+    size: tuple[int, int]
+    cfa: str
+    camera: str
+    time_s: float
+    iso: float
+    f_number: float
+    focal_length_mm: float | None
+    pixel_pitch_um: float | None
+    iso_missing: bool = False
+    f_number_missing: bool = False
+
+
+def is_raw(path: Path) -> bool:
+    """Whether LibRaw recognises the file."""
+    import rawpy
+
+    try:
+        with rawpy.imread(str(path)):
+            return True
+    except (rawpy.LibRawError, OSError):
+        return False
+
+
+def read_shots(
+    paths: Sequence[Path],
+    *,
+    times_s: Sequence[float] | None = None,
+    iso: float | None = None,
+    f_number: float | None = None,
+) -> tuple[list[Shot], list[Problem]]:
+    """The headers of several raw files, and everything that is wrong with any of them.
+
+    Values given, times_s one for each file, take the place of the files' own.
+    """
+    times: Sequence[float | None] = times_s or [None] * len(paths)
+    problems: list[Problem] = []
+    shots = []
+    with _quiet_libraw(), ThreadPoolExecutor() as pool:
+        pending = [
+            pool.submit(read_shot, path, time_s=time_s, iso=iso, f_number=f_number)
+            for path, time_s in zip(paths, times, strict=True)
+        ]
+        for one in pending:
+            try:
+                shots.append(one.result())
+            except InputError as error:
+                problems += error.problems
+    return shots, problems
+
+
+@contextmanager
+def _quiet_libraw() -> Iterator[None]:
+    """Keeps LibRaw, which prints what it thinks of damaged files itself, off stderr."""
+    sys.stderr.flush()
+    kept = os.dup(2)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
+
+
+def read_shot(
+    path: Path,
+    *,
+    time_s: float | None = None,
+    iso: float | None = None,
+    f_number: float | None = None,
+) -> Shot:
+    """Reads a raw file's header. Values given take the place of the file's own.
+
+    LibRaw decodes the samples on the way, so a damaged file is known here already.
+    InputError where it is no complete raw file, has no Bayer pattern, or no known exposure time.
+    """
+    with _opened(path) as raw:
+        cfa = _cfa(raw, path)
+        size = (raw.sizes.height, raw.sizes.width)
+        other, tags = raw.other, _tags(path)
+        time_s = time_s or _tagged_time(tags, other)
+        if time_s is None:
+            raise fault(
+                "no exposure time in the file",
+                "ExposureTime in its metadata",
+                "list times_s under [[filter]] in capture.toml",
+                path,
+            )
+        iso = (
+            iso
+            or _positive(other.iso_speed)
+            or _positive(tags.get("Exif:PhotographicSensitivity", tags.get("Exif:ISOSpeedRatings")))
+        )
+        f_number = (
+            f_number
+            or _positive(tags.get("FNumber"))
+            or (None if "FNumber" in tags else _positive(other.aperture))
+        )
+        return Shot(
+            path=path,
+            size=size,
+            cfa="".join("RGB"[c] for c in cfa.ravel()),
+            camera=" ".join(str(tags.get(k, "")) for k in ("Make", "Model")).strip(),
+            time_s=time_s,
+            iso=iso or 100.0,
+            f_number=f_number or 1.0,
+            focal_length_mm=_positive(other.focal_length)
+            or _positive(tags.get("Exif:FocalLength")),
+            pixel_pitch_um=_pixel_pitch_um(tags),
+            iso_missing=iso is None,
+            f_number_missing=f_number is None,
+        )
+
+
+def read_frame(path: Path, *, time_s: float, iso: float, f_number: float) -> Frame:
+    """Decodes a raw file, whose exposure is taken as given; InputError where it is damaged."""
+    with _opened(path) as raw:
+        cfa = _cfa(raw, path)
+        samples = raw.raw_image_visible.copy()  # a view of LibRaw's memory otherwise
+        # Both levels are numbered as the pattern is, where the second green is colour 3.
+        pattern = np.asarray(raw.raw_pattern)
+        black = np.asarray(raw.black_level_per_channel, np.float64)[pattern]
+        per_channel = raw.camera_white_level_per_channel
+        white = np.asarray(per_channel or [raw.white_level] * 4, np.float64)
+        white = np.where(white > 0, white, raw.white_level)[pattern]
+        if not (white > black).all():
+            raise fault(
+                f"saturation level {white.min():g} under black level {black.max():g}",
+                "a saturation level above black",
+                "check the file's metadata",
+                path,
+            )
+        return Frame(samples, cfa, black, white, time_s, iso, f_number)
+
+
+class _opened:  # noqa: N801 - used as a context manager, like open()
+    """A raw file opened by LibRaw; its refusals become InputErrors."""
+
+    def __init__(self, path: Path):
+        self.path = path
+
+    def __enter__(self):
+        import rawpy
+
+        try:
+            self.raw = rawpy.imread(str(self.path))
+            self.raw.unpack()  # rawpy would at the first look at anything of the file
+        except rawpy.LibRawFileUnsupportedError as error:
+            raise fault(
+                "not a raw file LibRaw can read",
+                "a camera's raw file with a Bayer pattern",
+                "remove it or convert it to DNG",
+                self.path,
+            ) from error
+        except (rawpy.LibRawError, OSError) as error:
+            raise _damaged(self.path, error) from error
+        return self.raw
+
+    def __exit__(self, *_):
+        self.raw.close()
+
+
+def _damaged(path: Path, error: Exception):
+    said = error.args[0] if error.args else ""
+    said = said.decode() if isinstance(said, bytes) else str(said)
+    found = f"the raw data cannot be decoded ({said})" if said else "the raw data cannot be decoded"
+    return fault(found, "a complete raw file", "copy the file again from the camera", path)
+
+
+def _cfa(raw, path: Path):
+    """The (2, 2) CFA pattern with colours 0 1 2; refused where there is no Bayer pattern."""
+    pattern = raw.raw_pattern
+    if pattern is None or raw.raw_type.name != "Flat":
+        found = "no colour filter array (linear DNG, Foveon or a rendered image)"
+    elif np.shape(pattern) != (2, 2):
+        found = f"a {np.shape(pattern)[0]} x {np.shape(pattern)[1]} colour filter array (X-Trans?)"
+    else:
+        letters = np.array(list(raw.color_desc.decode()))[np.asarray(pattern)]
+        if sorted(letters.ravel()) == sorted("RGGB"):
+            return np.array([["RGB".index(c) for c in row] for row in letters])
+        found = f"colour filters {''.join(letters.ravel())}"
+    raise fault(
+        found,
+        "a 2 x 2 Bayer pattern of red, green and blue",
+        "use the camera's own raw files from a Bayer sensor",
+        path,
+    )
+
+
+def _tags(path: Path) -> dict[str, Any]:
+    """Metadata of raw files that are TIFF inside (most are); empty for the others."""
+    import OpenImageIO as oiio
+
+    with path.open("rb") as file:
+        if file.read(2) not in (b"II", b"MM"):
+            return {}
+    image = oiio.ImageInput.open(str(path))
+    if image is None:
+        oiio.geterror()  # takes the message off its list
+        return {}
+    tags = {p.name: p.value for p in image.spec().extra_attribs}
+    image.close()
+    return tags
+
+
+def _positive(value: Any) -> float | None:
+    """A positive number, or the first of a tuple of them; None for anything else."""
+    if isinstance(value, tuple) and value:
+        value = value[0]
+    try:
+        value = float(value)
+    except (TypeError, ValueError):
+        return None
+    return value if math.isfinite(value) and value > 0 else None
+
+
+def _tagged_time(tags: Mapping[str, Any], other) -> float | None:
+    if "ExposureTime" in tags:
+        return _positive(tags["ExposureTime"])
+    # LibRaw reports 1 s, ISO 0 where a file says nothing.
+    if _positive(other.iso_speed) is None and other.shutter_speed == 1.0:
+        return None
+    return _positive(other.shutter_speed)
+
+
+def _pixel_pitch_um(tags: Mapping[str, Any]) -> float | None:
+    """From FocalPlaneXResolution and its unit (2 inch, 3 cm, 4 mm)."""
+    per_unit = _positive(tags.get("Exif:FocalPlaneXResolution"))
+    unit = {2: 25400.0, 3: 10000.0, 4: 1000.0}.get(tags.get("Exif:FocalPlaneResolutionUnit", 2))
+    if per_unit is None or unit is None:
+        return None
+    pitch = unit / per_unit
+    return pitch if 0.5 < pitch < 50 else None  # some cameras write nonsense here
+
+
+# ---------------------------------------------------------------------------------------- EXR
+
+
+def write_exr(
+    path: Path,
+    pixels,
+    channels: Sequence[str],
+    header: Mapping[str, str],
+    *,
+    half: bool = False,
+    compression: str = "zip",
+) -> None:
+    """Writes an OpenEXR file.
+
+    pixels    (H, W, C); stored as float32, or half
+    channels  C names
+    header    text attributes, stored as sixlight:NAME
+    """
+    import OpenImageIO as oiio
+
+    pixels = np.ascontiguousarray(pixels, np.float16 if half else np.float32)
+    height, width, count = pixels.shape
+    assert count == len(channels)
+    spec = oiio.ImageSpec(width, height, count, "half" if half else "float")
+    spec.channelnames = list(channels)
+    spec.attribute("compression", compression)
+    spec.attribute("oiio:ColorSpace", "lin")
+    for name, text in header.items():
+        spec.attribute(f"sixlight:{name}", text)
+    _write_image(path, spec, pixels)
+
+
+def _write_image(path: Path, spec, pixels) -> None:
+    """Writes an image; a place that cannot take it is reported in the system's own words."""
+    import OpenImageIO as oiio
+
+    with storing(path):
+        path.touch()  # OpenImageIO would say no more than that it failed
+        out = oiio.ImageOutput.create(str(path))
+        assert out is not None, "OpenImageIO without EXR or PNG"
+        if not (out.open(str(path), spec) and out.write_image(pixels) and out.close()):
+            said = out.geterror()
+            with path.open("ab") as file:  # most often the disk is full: this says so again
+                file.write(bytes(1 << 20))
+                file.flush()
+            raise RuntimeError(f"{path}: OpenImageIO cannot write: {said}")
+
+
+def read_exr(path: Path) -> tuple[np.ndarray, list[str], dict[str, str]]:
+    """Pixels (H, W, C) float32, channel names and sixlight's own header of an OpenEXR file.
+
+    InputError where it is none.
+    """
+    import OpenImageIO as oiio
+
+    image = oiio.ImageInput.open(str(path))
+    if image is None:
+        said = oiio.geterror()
+        found = "no such file" if not path.exists() else f"not a readable image ({said})"
+        raise fault(found, "an OpenEXR file", "check the path", path)
+    try:
+        spec = image.spec()
+        pixels = image.read_image("float")
+        if pixels is None:
+            raise fault(f"damaged ({image.geterror()})", "a complete file", "make it again", path)
+        header = {
+            p.name.removeprefix("sixlight:"): str(p.value)
+            for p in spec.extra_attribs
+            if p.name.startswith("sixlight:")
+        }
+        return pixels.reshape(spec.height, spec.width, -1), list(spec.channelnames), header
+    finally:
+        image.close()
+
+
+def write_measured(
+    path: Path, data: Measured, names: Sequence[str], header: Mapping[str, str], **how
+) -> None:
+    """A Measured image (H, W, C) or cube (6, N, N, C) as EXR: values, `valid`, `sigma.NAME`.
+
+    The faces of a cube are stacked top to bottom.
+    """
+    count = len(names)
+    layers = [
+        data.values.reshape(-1, *data.values.shape[-2:]),
+        data.valid.reshape(-1, data.values.shape[-2], 1),
+        np.sqrt(data.variance).reshape(-1, *data.variance.shape[-2:]),
+    ]
+    channels = [*names, "valid", *(f"sigma.{n}" for n in names)]
+    assert data.values.shape[-1] == count
+    write_exr(path, np.concatenate(layers, axis=-1), channels, header, **how)
+
+
+def read_measured(path: Path, *, cube: bool = False) -> tuple[Measured, tuple[str, ...]]:
+    """What write_measured wrote, and the names of its channels; InputError for another file."""
+    pixels, channels, _ = read_exr(path)
+    names = tuple(c.removeprefix("sigma.") for c in channels if c.startswith("sigma."))
+    if not names or not {"valid", *names} <= set(channels):
+        raise fault(
+            f"channels {', '.join(channels)}"[:200],
+            "P1..P6, valid and sigma.P1..sigma.P6",
+            "give the folder or cubemap.exr that `sixlight envmap` wrote",
+            path,
+        )
+    if cube and pixels.shape[0] != 6 * pixels.shape[1]:
+        raise fault(
+            f"{pixels.shape[1]} x {pixels.shape[0]} px",
+            "six square faces stacked top to bottom",
+            "give the cubemap.exr that `sixlight envmap` wrote",
+            path,
+        )
+    shape = (6, pixels.shape[1], pixels.shape[1]) if cube else pixels.shape[:2]
+
+    def pick(wanted: Sequence[str]) -> np.ndarray:
+        return pixels[..., [channels.index(c) for c in wanted]].reshape(*shape, -1)
+
+    measured = Measured(
+        pick(names), pick([f"sigma.{n}" for n in names]) ** 2, pick(["valid"])[..., 0]
+    )
+    return measured, names
+
+
+# ------------------------------------------------------------------------- pictures and tables
+
+
+def write_png(path: Path, rgb, description: str = "") -> None:
+    """An encoded sRGB picture (H, W, 3) in 0..1 as 8-bit PNG."""
+    import OpenImageIO as oiio
+
+    pixels = np.ascontiguousarray(np.rint(np.clip(rgb, 0, 1) * 255), np.uint8)
+    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, "uint8")
+    spec.attribute("oiio:ColorSpace", "sRGB")
+    if description:
+        spec.attribute("ImageDescription", description)
+    _write_image(path, spec, pixels)
+
+
+def write_radiance(path: Path, radiance: Radiance) -> None:
+    """A merged mosaic as NumPy's npz, the runner's own intermediate file."""
+    with storing(path), path.open("wb") as file:
+        arrays: Any = {k: np.asarray(v) for k, v in vars(radiance).items()}
+        np.savez(file, **arrays)
+
+
+def read_radiance(path: Path) -> Radiance:
+    """What write_radiance wrote."""
+    with np.load(path, allow_pickle=False) as data:
+        fields = {k: data[k] for k in data.files}
+    plain = {k: v.tolist() for k, v in fields.items() if v.ndim < 2}
+    tuples = {k: tuple(v) if isinstance(v, list) else v for k, v in plain.items()}
+    return Radiance(**{**fields, **tuples})
+
+
+def write_text(path: Path, text: str) -> None:
+    with storing(path):
+        path.write_text(text, encoding="utf-8")
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Plain data as readable JSON; NaN and infinity become null, which JSON has words for."""
+    write_text(path, json.dumps(_plain(content), indent=2, allow_nan=False) + "\n")
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, np.ndarray | list | tuple):
+        return [_plain(v) for v in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return str(value) if isinstance(value, Path) else value

@@ -1,0 +1,128 @@
+"""Reading a TOML file so that everything wrong with it is found at once."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from calibration.errors import Problem, fault
+
+_ABSENT = object()
+_LARGEST_TOML = 1 << 20  # bytes; a capture.toml of more is not one
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The content of a TOML file; InputError where it is none."""
+    try:
+        if path.stat().st_size > _LARGEST_TOML:
+            raise fault("more than 1 MB of TOML", "a short text file", "check the file", path)
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise fault(f"not TOML: {error}", "a TOML file", "correct that line", path) from error
+    except OSError as error:
+        raise fault(
+            error.strerror or "unreadable", "a TOML file", "check the path", path
+        ) from error
+
+
+class Table:
+    """One table of a TOML file. Wrong values are noted in `problems` and read as their default.
+
+    content   the table as tomllib gives it
+    problems  list shared by all tables of one reading
+    file      named in the problems
+    where     the table's name, for the problems: "sphere"
+    """
+
+    def __init__(self, content: Any, problems: list[Problem], file: Path, where: str = ""):
+        self.problems, self.file, self.where = problems, file, where
+        if not isinstance(content, dict):
+            self.wrong("", f"{content!r}", "a table", f"write [{where}] above its values")
+            content = {}
+        self.content = content
+        self._known: set[str] = set()
+
+    def wrong(self, key: str, found: str, expected: str, remedy: str) -> None:
+        name = ".".join(filter(None, (self.where, key)))
+        self.problems.append(Problem(f"{name} is {found}"[:300], expected, remedy, self.file))
+
+    def _get(self, key: str) -> Any:
+        self._known.add(key)
+        return self.content.get(key, _ABSENT)
+
+    def text(self, key: str, default: str | None = None) -> str | None:
+        value = self._get(key)
+        if value is _ABSENT:
+            return default
+        if not isinstance(value, str) or not value.strip() or not value.isprintable():
+            self.wrong(key, repr(value), "a line of text in quotes", "correct or remove it")
+            return default
+        return value
+
+    def number(
+        self, key: str, unit: str, *, low: float = -math.inf, high: float = math.inf
+    ) -> float | None:
+        """A number in [low, high], or None where it is absent."""
+        value = self._get(key)
+        if value is _ABSENT:
+            return None
+        good = isinstance(value, int | float) and not isinstance(value, bool)
+        if not good or not math.isfinite(value) or not low <= value <= high:
+            limits = f"{low:g} to {high:g}" if math.isfinite(low + high) else f"above {low:g}"
+            self.wrong(key, repr(value), f"a number in {unit}, {limits}", "correct it")
+            return None
+        return float(value)
+
+    def numbers(self, key: str, unit: str, count: int | None = None) -> tuple[float, ...] | None:
+        """A list of `count` positive numbers, or None where it is absent."""
+        value = self._get(key)
+        if value is _ABSENT:
+            return None
+        good = isinstance(value, list) and all(
+            isinstance(x, int | float) and not isinstance(x, bool) and 0 < x < math.inf
+            for x in value
+        )
+        if not good or (count is not None and len(value) != count):
+            many = f"{count} " if count is not None else ""
+            self.wrong(
+                key, repr(value), f"a list of {many}positive numbers in {unit}", "correct it"
+            )
+            return None
+        return tuple(map(float, value))
+
+    def table(self, key: str) -> Table:
+        value = self._get(key)
+        name = ".".join(filter(None, (self.where, key)))
+        return Table({} if value is _ABSENT else value, self.problems, self.file, name)
+
+    def tables(self, key: str) -> list[Table]:
+        value = self._get(key)
+        if value is _ABSENT:
+            return []
+        if not isinstance(value, list):
+            self.wrong(key, repr(value), "a list of tables", f"write [[{key}]] above each")
+            return []
+        return [Table(v, self.problems, self.file, f"{key}[{i}]") for i, v in enumerate(value, 1)]
+
+    def path(self, key: str) -> Path | None:
+        """An existing file named relative to this file, never outside its folder."""
+        text = self.text(key)
+        if text is None:
+            return None
+        folder = self.file.parent.resolve()
+        path = (folder / text).resolve()
+        if not path.is_relative_to(folder):
+            self.wrong(key, repr(text), "a path inside the capture's folder", "move the file there")
+        elif not path.is_file():
+            self.wrong(key, f"{text!r}, which is not there", "an existing file", "correct the name")
+        else:
+            return self.file.parent / text
+        return None
+
+    def nothing_else(self) -> None:
+        """Notes every key that was not asked for: a misspelt setting must not pass in silence."""
+        for key in sorted(set(self.content) - self._known):
+            known = ", ".join(sorted(self._known))
+            self.wrong(key, "not known here", f"one of {known}", "correct or remove it")

@@ -1,0 +1,164 @@
+"""The whole: photographs of a known world come back as that world, and only once."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+import small_capture
+from conftest import QUICK
+
+from calibration import primaries
+from pipeline import io
+from stages import cube
+
+
+@pytest.fixture(scope="session")
+def light(finished_once):
+    measured, names = io.read_measured(finished_once / "cubemap.exr", cube=True)
+    assert names == ("P1", "P2", "P3", "P4", "P5", "P6")
+    return measured
+
+
+@pytest.fixture(scope="session")
+def truth(light):
+    d = cube.directions(light.values.shape[1])
+    spectra = small_capture.world(d.reshape(-1, 3))
+    return primaries.load("darling2011").project(spectra).reshape(*d.shape[:-1], 6)
+
+
+def test_a_known_world_comes_back_as_that_world(light, truth):
+    d = cube.directions(light.values.shape[1])
+    near = d[..., 2] > np.cos(np.deg2rad(135))
+    assert light.valid[near].min() > 0.999
+    ratio = light.values[near] / truth[near]
+    scale = np.median(ratio)  # known sensitivities leave the unit open
+    error = np.abs(ratio / scale - 1)
+    # Chiefly M_S: six bands cannot tell apart all that six other curves see.
+    assert np.median(error) < 0.02
+    assert np.percentile(error, 95) < 0.08
+
+
+def test_the_world_is_the_right_way_round(light, truth):
+    """Of all 24 turns and their mirror images only the identity fits."""
+    n = 16
+    d = cube.directions(n)
+    seen = cube.sample(np.nan_to_num(light.values), d)[..., 2]
+    known = d[..., 2] > -0.7
+    best = {}
+    for signs in np.ndindex(2, 2, 2):
+        for order in ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)):
+            turned = d[..., list(order)] * (1 - 2 * np.array(signs))
+            there = cube.sample(truth, turned)[..., 2]
+            best[order, signs] = np.corrcoef(seen[known], there[known])[0, 1]
+    assert max(best, key=best.__getitem__) == ((0, 1, 2), (0, 0, 0))
+
+
+def test_the_blind_cone_is_not_known(light):
+    d = cube.directions(light.values.shape[1])
+    blind = d[..., 2] < -np.cos(np.deg2rad(1.0))
+    assert (light.valid[blind] == 0).all()
+    assert np.isnan(light.values[blind]).all()
+
+
+def test_the_maps_for_renderers_have_no_holes(finished_once, light):
+    for name, channels in (("cubemap_123.exr", slice(0, 3)), ("cubemap_456.exr", slice(3, 6))):
+        pixels, names, header = io.read_exr(finished_once / name)
+        assert names == ["R", "G", "B"]
+        assert np.isfinite(pixels).all()
+        values = pixels.reshape((*light.values.shape[:3], 3)) * float(header["scale"])
+        known = light.valid == 1
+        np.testing.assert_allclose(values[known], light.values[known][:, channels], rtol=1e-3)
+
+
+def test_headers_say_what_the_numbers_are(finished_once):
+    _, _, header = io.read_exr(finished_once / "cubemap.exr")
+    matrix = np.array(header["xyz_from_primaries"].split(), float).reshape(3, 6)
+    np.testing.assert_allclose(matrix, primaries.load("darling2011").xyz_from_primaries, rtol=1e-6)
+    assert header["primaries"] == "darling2011"
+    assert header["peaks_nm"].startswith("447 ")
+    assert {"unit", "orientation", "calibration", "version", "step", "widths_nm"} <= set(header)
+
+
+def again(sixlight, capture, out, *options) -> list[str]:
+    """Steps done by another run."""
+    outcome = sixlight("envmap", capture, "-o", out, *QUICK[1:], *options)
+    assert outcome.status == 0, outcome.err
+    steps = [line.split("] ", 1)[1] for line in outcome.err.splitlines() if line.startswith("[")]
+    return [s.split(":")[0] for s in steps if not s.endswith("current")]
+
+
+@pytest.fixture
+def finished(finished_once, small, tmp_path):
+    out = tmp_path / "out"
+    shutil.copytree(finished_once, out)
+    (out / "work" / "capture.json").write_text('{\n  "capture": "../small"\n}\n')
+    return out
+
+
+def test_nothing_is_done_again(sixlight, small, finished):
+    before = (finished / "result.json").read_bytes()
+    assert again(sixlight, small, finished) == []
+    assert (finished / "result.json").read_bytes() == before
+
+
+def test_touching_a_file_changes_nothing(sixlight, small, finished):
+    for path in small.rglob("*"):
+        path.touch()
+    assert again(sixlight, small, finished) == []
+
+
+def test_a_setting_reruns_what_hangs_on_it(sixlight, small, finished):
+    assert again(sixlight, small, finished, "--preview-samples", "16") == ["preview"]
+
+
+def test_the_metal_reruns_what_hangs_on_it(sixlight, small, finished):
+    toml = small / "capture.toml"
+    toml.write_text(toml.read_text().replace("stainless steel", "chromium"))
+    assert again(sixlight, small, finished) == ["normalise", "export", "preview"]
+
+
+def test_a_photograph_reruns_its_own_filter_only(sixlight, small, finished):
+    path = small / "yellow" / "yellow_3.dng"
+    content = path.read_bytes()
+    path.write_bytes(content[:-1] + bytes([content[-1] ^ 1]))
+    done = again(sixlight, small, finished)
+    assert "merge yellow" in done
+    assert "merge cyan" not in done
+
+
+def test_a_spoilt_result_is_made_again(sixlight, small, finished):
+    before = (finished / "cubemap.exr").read_bytes()
+    (finished / "cubemap.exr").write_bytes(before[:1000])
+    assert again(sixlight, small, finished) == ["normalise"]
+    assert (finished / "cubemap.exr").read_bytes() == before
+
+
+def test_results_do_not_depend_on_the_run(sixlight, small, finished, tmp_path):
+    assert again(sixlight, small, tmp_path / "fresh")
+    for name in ("cubemap.exr", "cubemap_123.exr", "latlong.exr", "preview_teapot.png"):
+        assert (tmp_path / "fresh" / name).read_bytes() == (finished / name).read_bytes()
+
+
+def test_without_a_calibration_the_bands_are_written(sixlight, small, tmp_path):
+    toml = small / "capture.toml"
+    toml.write_text(toml.read_text().split("[calibration]")[0])
+    outcome = sixlight("envmap", small, "-o", tmp_path / "out")
+    assert outcome.status == 0, outcome.err
+    assert "no calibration" in outcome.err
+    assert not (tmp_path / "out" / "cubemap.exr").exists()
+    _, names = io.read_measured(tmp_path / "out" / "cubemap_bands.exr", cube=True)
+    assert names == ("cyan.R", "cyan.G", "cyan.B", "yellow.R", "yellow.G", "yellow.B")
+
+
+def test_result_json_says_what_was_read_and_made(finished_once):
+    result = json.loads((finished_once / "result.json").read_text())
+    assert len(result["inputs"]) == 8
+    solved = result["steps"]["merge cyan"]["learnt"]["light_solved"]
+    ratios = np.array(solved) / np.array(solved)[0]
+    true = np.array(small_capture.TIMES_S) / small_capture.TIMES_S[0]
+    np.testing.assert_allclose(ratios, true, rtol=3e-3)
+    shift = result["steps"]["align"]["learnt"]["shifts"][1]
+    np.testing.assert_allclose(shift, small_capture.SHIFTS["yellow"], atol=0.06)
