@@ -1,0 +1,64 @@
+# `make help` lists the targets. Two work on a fresh machine with nothing set up:
+#   make envmap CAPTURE=sample_captures/room
+#   make test
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.ready
+OUT_OPTION = $(if $(OUT),-o "$(OUT)")
+
+# OpenGL without a screen: EGL, and Mesa's software renderer where there is no GPU.
+OPENGL := libegl1 libgl1 libgl1-mesa-dri
+OPENGL_FOUND = ldconfig -p | grep -q 'libEGL\.so\.1' && ldconfig -p | grep -q 'libEGL_.*\.so'
+define OPENGL_INSTALL
+if [ "$$(id -u)" = 0 ] && command -v apt-get > /dev/null; then \
+	apt-get update -qq && \
+	DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $(OPENGL) > /dev/null; \
+else \
+	echo "OpenGL is missing; everything but the previews works without it. To install it:"; \
+	echo "    sudo apt-get install $(OPENGL)"; \
+fi
+endef
+
+.DEFAULT_GOAL := help
+
+help:  ## list the targets
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+setup: $(STAMP)  ## virtual environment, the package, OpenGL
+
+$(STAMP): pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev,simulate]"
+	@$(OPENGL_FOUND) || $(OPENGL_INSTALL)
+	@touch $@
+
+envmap: $(STAMP)  ## raw brackets to six-channel cubemaps: CAPTURE=dir [OUT=dir]
+	@$(BIN)/sixlight envmap "$(or $(CAPTURE),$(error say which: make envmap CAPTURE=dir))" $(OUT_OPTION)
+
+fit: $(STAMP)  ## M_S from chart photographs and spectra: CALIBRATION=dir [OUT=file]
+	@$(BIN)/sixlight fit "$(or $(CALIBRATION),$(error say which: make fit CALIBRATION=dir))" $(OUT_OPTION)
+
+preview: $(STAMP)  ## render a finished map: ENVMAP=dir
+	@$(BIN)/sixlight preview "$(or $(ENVMAP),$(error say which: make preview ENVMAP=dir))"
+
+sample: $(STAMP)  ## render the bundled capture anew, half an hour: [OUT=dir]
+	@$(BIN)/sixlight simulate room -o "$(or $(OUT),build/sample_room)"
+
+check-sample: $(STAMP)  ## compare the bundled capture's result with its truth
+	@$(BIN)/sixlight envmap sample_captures/room --quiet > /dev/null
+	@$(BIN)/python benchmarks/check_sample.py
+
+test: $(STAMP)  ## the tests
+	@$(BIN)/python -m pytest
+
+lint: $(STAMP)  ## ruff and mypy
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/mypy
+
+clean:  ## remove results and caches, keep the environment
+	rm -rf build dist .mypy_cache .pytest_cache .ruff_cache
+
+.PHONY: help setup envmap fit preview sample check-sample test lint clean
