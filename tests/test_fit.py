@@ -1,0 +1,352 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration import fit, sets
+from calibration.difference import delta_e_2000, lab
+from calibration.errors import InputError
+from calibration.primaries import Primaries, gaussians, load
+from calibration.spectra import WAVELENGTHS, Spectra, read_spectra
+
+DATA = Path(__file__).parents[2] / "shared" / "data"
+
+
+def step(centre_nm, slope_nm):
+    return 1.0 / (1.0 + np.exp(-(WAVELENGTHS - centre_nm) / slope_nm))
+
+
+@pytest.fixture(scope="module")
+def primaries():
+    return load()
+
+
+@pytest.fixture(scope="module")
+def camera():
+    return sets.camera("nikon5100")
+
+
+@pytest.fixture(scope="module")
+def filters():
+    """A cyan and a yellow glass: smooth curves much like BG39 and GG475."""
+    cyan, yellow = 0.93 * (1.0 - step(600.0, 16.0)), 0.91 * step(476.0, 7.0)
+    return Spectra(WAVELENGTHS, ("cyan", "yellow"), np.stack([cyan, yellow], axis=1))
+
+
+@pytest.fixture(scope="module")
+def bands(camera, filters):
+    return fit.sensitivities(camera, filters)
+
+
+@pytest.fixture(scope="module")
+def known(camera, filters, primaries):
+    return fit.from_sensitivities(camera, filters, primaries=primaries)
+
+
+def whites_error(transform, bands, primaries, lights):
+    """CIEDE2000 of a white under each light (n, 36), its own colour as the white."""
+    xyz_from = primaries.xyz_from_primaries
+    true = primaries.project(lights) @ xyz_from.T
+    seen = lights @ bands @ transform.matrix.T @ xyz_from.T
+    return delta_e_2000(lab(true / true[:, 1:2]), lab(seen / true[:, 1:2]))
+
+
+def session(bands, lights=("A", "D65", "F2", "D50"), seed=0, noise=0.003):
+    """A chart's signals, pixel variances and radiances under lights of the paper."""
+    rng = np.random.default_rng(seed)
+    chart, lamps = sets.surfaces("colorchecker24"), sets.lights("darling2011")
+    radiances = {
+        light: Spectra(WAVELENGTHS, chart.names, lamps[light][:, None] * chart.values)
+        for light in lights
+    }
+    exact = {light: spectra.values.T @ bands[1] for light, spectra in radiances.items()}
+    signals = {light: s * (1 + noise * rng.normal(size=s.shape)) for light, s in exact.items()}
+    return signals, {light: (0.004 * s) ** 2 for light, s in exact.items()}, radiances
+
+
+def chart_fit(bands, primaries, given, **options):
+    patches = sets.surfaces("colorchecker24").names
+    return fit.from_chart(
+        *given, patches=patches, channels=bands[0], primaries=primaries, **options
+    )
+
+
+# ---- the solution
+
+
+@pytest.mark.parametrize("method", fit.METHODS)
+def test_a_camera_whose_bands_are_the_primaries_gets_the_identity(primaries, method):
+    rng = np.random.default_rng(1)
+    radiances = rng.random((200, 36))
+    got = fit.fit(
+        primaries.project(radiances),
+        radiances,
+        primaries=primaries,
+        channels=[f"x.{i}" for i in range(6)],
+        groups=["a", "b"] * 100,
+        method=method,
+        noise_level=1e-6,
+    )
+    np.testing.assert_allclose(got.matrix, np.eye(6), atol=1e-6)
+    assert got.figures["training_delta_e"]["max"] == 0.0
+    np.testing.assert_allclose(got.figures["noise_amplification"], 1.0, atol=1e-3)
+
+
+def test_pinv_is_numpys_pseudo_inverse(bands, primaries):
+    signals, variances, radiances = session(bands)
+    got = chart_fit(bands, primaries, (signals, variances, radiances), method="pinv")
+    s = np.concatenate(list(signals.values())).T
+    t = primaries.project(np.concatenate([r.values.T for r in radiances.values()])).T
+    np.testing.assert_allclose(got.matrix, t @ np.linalg.pinv(s), rtol=1e-6)
+
+
+def test_ridge_has_the_least_expected_error_at_its_noise(bands, primaries):
+    """Against pinv and every small change of itself, with noise really drawn."""
+    level = 0.01
+    given = session(bands, noise=0.0)
+    got = chart_fit(bands, primaries, given, noise_level=level)
+    plain = chart_fit(bands, primaries, given, method="pinv")
+    rng = np.random.default_rng(2)
+    s = np.repeat(np.concatenate(list(given[0].values())), 400, axis=0)
+    t = primaries.project(np.concatenate([r.values.T for r in given[2].values()]))
+    luminance = (t @ primaries.xyz_from_primaries[1]).reshape(4, 24)
+    scale = np.repeat(luminance.max(axis=1), 24 * 400)
+    t = np.repeat(t, 400, axis=0) / scale[:, None]
+    noisy = s * (1 + level * rng.normal(size=s.shape)) / scale[:, None]
+
+    def error(matrix):
+        return np.sum((noisy @ matrix.T - t) ** 2, axis=0)
+
+    least = error(got.matrix)
+    assert np.all(least < error(plain.matrix))
+    for _ in range(20):
+        changed = got.matrix * (1 + 0.05 * rng.normal(size=got.matrix.shape))
+        assert np.all(error(changed) > least)
+
+
+def test_ridge_amplifies_noise_less_and_says_truly_how_much(bands, primaries):
+    given = session(bands, noise=0.0)
+    ridge = chart_fit(bands, primaries, given)
+    plain = chart_fit(bands, primaries, given, method="pinv")
+    assert max(ridge.figures["noise_amplification"]) < 4.0
+    assert max(plain.figures["noise_amplification"]) > 8.0
+    rng = np.random.default_rng(3)
+    s = np.concatenate(list(given[0].values()))
+    drawn = s * (1 + 1e-3 * rng.normal(size=(500, *s.shape)))
+    off = (drawn - s) @ ridge.matrix.T
+    measured = np.sqrt(np.mean(off**2, axis=(0, 1)) / np.mean((s @ ridge.matrix.T) ** 2, axis=0))
+    np.testing.assert_allclose(ridge.figures["noise_amplification"], measured / 1e-3, rtol=0.02)
+
+
+def test_how_bright_a_light_was_does_not_count_with_ridge(bands, primaries):
+    signals, variances, radiances = session(bands)
+    plain = chart_fit(bands, primaries, (signals, variances, radiances))
+    factor = {"A": 1.0, "D65": 300.0, "F2": 0.02, "D50": 7.0}
+    scaled = (
+        {k: v * factor[k] for k, v in signals.items()},
+        {k: v * factor[k] ** 2 for k, v in variances.items()},
+        {k: Spectra(v.wavelengths, v.names, v.values * factor[k]) for k, v in radiances.items()},
+    )
+    bright = chart_fit(bands, primaries, scaled)
+    np.testing.assert_allclose(bright.matrix, plain.matrix, rtol=1e-6)
+
+
+def test_clipped_patches_are_left_out(bands, primaries):
+    signals, variances, radiances = session(bands)
+    signals["A"][18, 0] = np.nan
+    got = chart_fit(bands, primaries, (signals, variances, radiances))
+    assert got.figures["samples"] == 95
+    assert got.figures["samples_left_out"] == 1
+
+
+def test_a_light_that_clips_a_band_in_every_patch_is_named(bands, primaries):
+    signals, variances, radiances = session(bands)
+    signals["A"][:, 2] = np.nan
+    with pytest.raises(InputError, match="light 'A': no patch is known in every band"):
+        chart_fit(bands, primaries, (signals, variances, radiances))
+
+
+def test_left_out_lights_are_seen_only_from_outside(bands, primaries):
+    """A light whose readings are wrong is found by fitting the others."""
+    signals, variances, radiances = session(bands)
+    wrong = radiances["F2"]
+    tilted = wrong.values * (1 + 0.3 * step(550, 20))[:, None]
+    radiances["F2"] = Spectra(wrong.wavelengths, wrong.names, tilted)
+    got = chart_fit(bands, primaries, (signals, variances, radiances)).figures
+    good = chart_fit(bands, primaries, session(bands)).figures
+    assert got["leave_one_light_out_delta_e"]["worst_light"] == "F2"
+    assert good["leave_one_light_out_delta_e"]["mean"] < got["leave_one_light_out_delta_e"]["mean"]
+
+
+def test_one_light_has_no_leave_one_light_out(bands, primaries):
+    got = chart_fit(bands, primaries, session(bands, lights=("D65",)))
+    assert "leave_one_light_out_delta_e" not in got.figures
+
+
+# ---- from known sensitivities
+
+
+def test_white_in_room_light_keeps_its_colour(known, bands, primaries):
+    """Daylight, tungsten and their mixtures: the light most rooms have."""
+    daylight, tungsten = sets.lights("daylight").values.T, sets.lights("planckian").values.T[1:9]
+    mixed = 0.5 * daylight[::4, None] + 0.5 * tungsten[None]
+    for lights, mean, most in (
+        (daylight, 0.2, 0.3),
+        (tungsten, 0.3, 0.6),
+        (mixed.reshape(-1, 36), 0.2, 0.4),
+        (sets.lights("darling2011").values.T, 0.5, 1.3),
+    ):
+        errors = whites_error(known, bands[1], primaries, lights)
+        assert errors.mean() < mean
+        assert errors.max() < most
+
+
+def test_equal_energy_light_comes_out_in_the_unit_that_is_stated(known, bands):
+    """Radiance 1 gives signal 1 in the most sensitive band, and comes back as about 1."""
+    signal = np.ones(36) @ bands[1]
+    assert signal.max() == pytest.approx(1.0)
+    np.testing.assert_allclose(known.matrix @ signal, 1.0, atol=0.12)
+    assert not known.absolute
+    assert "equal-energy" in known.units
+
+
+def test_noise_stays_bounded(known):
+    assert max(known.figures["noise_amplification"]) < 5.0
+    assert known.figures["leave_one_light_out_delta_e"]["mean"] < 1.0
+
+
+def test_the_filters_come_in_the_captures_order(camera, filters, primaries, known):
+    turned = fit.from_sensitivities(
+        camera, filters, primaries=primaries, filter_names=["yellow", "cyan"]
+    )
+    assert turned.channels[0] == "yellow.R"
+    np.testing.assert_allclose(turned.matrix[:, [3, 4, 5, 0, 1, 2]], known.matrix, rtol=1e-6)
+
+
+def test_nine_bands_and_eight_primaries_are_as_welcome(camera, filters):
+    eight = Primaries("eight", gaussians(np.linspace(430, 650, 8), 15.0), np.full((3, 8), 1 / 8))
+    red = (0.05 + 0.9 * step(590, 8))[:, None]
+    three = Spectra(WAVELENGTHS, (*filters.names, "red"), np.hstack([filters.values, red]))
+    got = fit.from_sensitivities(camera, three, primaries=eight)
+    assert got.matrix.shape == (8, 9)
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason="the measured cameras are not beside the checkout")
+@pytest.mark.parametrize("name", ["Canon_EOS_600D", "Sony_ILCE-7RM3", "Nikon_D700"])
+def test_other_cameras_keep_white_too(name, filters, primaries):
+    camera = read_spectra(DATA / "cameras" / f"{name}.csv", "power")
+    got = fit.from_sensitivities(camera, filters, primaries=primaries)
+    _, bands = fit.sensitivities(camera, filters)
+    daylight = sets.lights("daylight").values.T
+    assert whites_error(got, bands, primaries, daylight).mean() < 0.5
+
+
+# ---- what is refused
+
+
+def test_a_camera_with_other_columns_is_refused(filters):
+    with pytest.raises(InputError, match="wavelength_nm,R,G,B"):
+        fit.sensitivities(filters, filters)
+
+
+def test_a_filter_without_a_curve_is_named(camera, filters):
+    with pytest.raises(InputError, match="the filter 'red', only cyan, yellow"):
+        fit.sensitivities(camera, filters, ["cyan", "red"])
+
+
+def test_a_band_that_sees_nothing_is_named(camera, filters, primaries):
+    blocking = Spectra(WAVELENGTHS, filters.names, filters.values * (WAVELENGTHS > 780)[:, None])
+    with pytest.raises(InputError, match="no light together"):
+        fit.sensitivities(camera, blocking)
+    half = Spectra(WAVELENGTHS, ("a", "b"), filters.values * [[1.0, 0.0]])
+    with pytest.raises(InputError, match=r"b\.R sees nothing under 2000 K"):
+        fit.from_sensitivities(camera, half, primaries=primaries)
+
+
+def test_the_same_filter_twice_is_refused(camera, filters, primaries):
+    twice = Spectra(WAVELENGTHS, ("a", "b"), filters.values[:, [0, 0]])
+    with pytest.raises(InputError, match="follow from the other bands"):
+        fit.from_sensitivities(camera, twice, primaries=primaries)
+
+
+def test_too_few_samples_are_refused(primaries):
+    with pytest.raises(InputError, match="5 whole samples for 6 bands"):
+        fit.fit(
+            np.eye(6)[:5],
+            np.ones((5, 36)),
+            primaries=primaries,
+            channels=list("abcdef"),
+            groups=["a"] * 5,
+        )
+
+
+def test_lights_and_patches_that_do_not_match_are_all_named(bands, primaries):
+    signals, variances, radiances = session(bands)
+    del radiances["A"]
+    radiances["F7"] = radiances["D50"]
+    radiances["D65"] = radiances["D65"].only([str(i) for i in range(1, 23)])
+    with pytest.raises(InputError) as caught:
+        chart_fit(bands, primaries, (signals, variances, radiances))
+    said = str(caught.value)
+    assert "'A' has photographs but no radiance" in said
+    assert "'F7' has radiance but no photographs" in said
+    assert "'D65' has no radiance of patch 23, 24" in said
+
+
+# ---- the file
+
+
+def test_a_written_transform_comes_back_the_same(tmp_path, known):
+    fit.write_transform(tmp_path / "M_S.toml", known)
+    back = fit.read_transform(tmp_path / "M_S.toml")
+    np.testing.assert_array_equal(back.matrix, known.matrix)
+    for key, value in vars(known).items():
+        if key != "matrix":
+            assert getattr(back, key) == value, key
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("absolute = false", "", "absolute is missing"),
+        ("absolute = false", 'absolute = "no"', "absolute is 'no'"),
+        ('"cyan.R",', "", "5 finite numbers"),
+        ('"cyan.R",', '"cyan.G",', "finite numbers"),
+        ("matrix = [\n    [", "matrix = [\n    [nan, ", "finite numbers"),
+        ("matrix = [\n    [", 'matrix = [\n    ["x", ', "gaps or text"),
+        ("[primaries]", "[primaries", "not TOML"),
+        ("[primaries]", "[other]", "primaries.name is missing"),
+    ],
+)
+def test_a_faulty_file_is_refused_and_named(tmp_path, known, old, new, says):
+    text = fit.to_toml(known)
+    assert old in text
+    path = tmp_path / "M_S.toml"
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(InputError) as caught:
+        fit.read_transform(path)
+    assert says in str(caught.value)
+    assert all(line.startswith(f"{path}: ") for line in str(caught.value).splitlines())
+
+
+def test_a_missing_file_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"M_S\.toml: no such file"):
+        fit.read_transform(tmp_path / "M_S.toml")
+
+
+def test_bands_in_another_order_are_put_right(known, primaries):
+    order = [known.channels[i] for i in (3, 4, 5, 0, 1, 2)]
+    got = fit.matched(known, order, primaries)
+    assert got.channels == tuple(order)
+    np.testing.assert_array_equal(got.matrix[:, 0], known.matrix[:, 3])
+
+
+def test_a_transform_for_other_bands_or_primaries_is_refused(known, primaries):
+    other = Primaries("mine", primaries.curves, primaries.xyz_from_primaries * 1.01)
+    with pytest.raises(InputError) as caught:
+        fit.matched(known, ["red.R", "red.G", "red.B"], other)
+    bands, numbers = str(caught.value).splitlines()
+    assert "for the bands cyan.R" in bands
+    assert "red.R" in bands
+    assert "primaries 'darling2011'" in numbers
+    assert "'mine'" in numbers

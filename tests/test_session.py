@@ -1,0 +1,106 @@
+import numpy as np
+import pytest
+
+from calibration import session
+from calibration.errors import InputError
+from calibration.spectra import WAVELENGTHS, Spectra, write_spectra
+
+NAMES = tuple(str(i) for i in range(1, 25))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Two lights, two filters; the raw files are not opened, so they are empty."""
+    for light in ("A", "D65"):
+        for name in ("yellow", "cyan"):
+            (tmp_path / light / name).mkdir(parents=True)
+            for shot in ("2.dng", "1.dng", "notes.txt", ".hidden"):
+                (tmp_path / light / name / shot).touch()
+        radiance = Spectra(WAVELENGTHS, NAMES, np.full((36, 24), 0.02))
+        write_spectra(tmp_path / light / "radiance.csv", radiance)
+    (tmp_path / "notes").mkdir()
+    return tmp_path
+
+
+def refused(folder):
+    with pytest.raises(InputError) as caught:
+        session.read_session(folder)
+    return str(caught.value)
+
+
+def test_a_folder_needs_no_settings(folder):
+    got = session.read_session(folder)
+    assert [light.name for light in got.lights] == ["A", "D65"]
+    assert got.filters == ("cyan", "yellow")
+    assert got.channels == ("cyan.R", "cyan.G", "cyan.B", "yellow.R", "yellow.G", "yellow.B")
+    assert [p.name for p in got.lights[0].files["cyan"]] == ["1.dng", "2.dng"]
+    assert got.lights[0].radiance.names == NAMES
+    assert (got.patches, got.primaries, got.method) == (None, "darling2011", "ridge")
+
+
+def test_settings_are_read(folder):
+    rows = [f"{i},{10 * i},0,{10 * i + 8},8" for i in range(1, 25)]
+    (folder / "patch_boxes.csv").write_text("\n".join(["patch,x0,y0,x1,y1", *rows]))
+    (folder / "calibration.toml").write_text(
+        'chart = "colorchecker24"\npatches = "patch_boxes.csv"\nmethod = "pinv"\n'
+        'primaries = "mine"\n'
+    )
+    got = session.read_session(folder)
+    assert got.method == "pinv"
+    assert got.primaries == str(folder / "mine")
+    assert got.patches.corners[2, 0].tolist() == [30.0, 0.0]
+
+
+def test_no_such_folder_is_refused(tmp_path):
+    assert "no such folder" in refused(tmp_path / "none")
+
+
+def test_a_folder_without_lights_is_refused(tmp_path):
+    (tmp_path / "cyan").mkdir()
+    assert "no lights" in refused(tmp_path)
+
+
+def test_everything_wrong_is_said_at_once(folder):
+    (folder / "calibration.toml").write_text(
+        'chart = "sg"\nmethod = 3\npatches = "none.csv"\nlight = 1\n'
+    )
+    for shot in (folder / "A" / "cyan").iterdir():
+        shot.unlink()
+    (folder / "D65" / "radiance.csv").write_text("wavelength_nm,1\n400,1\n700,\n")
+    said = refused(folder)
+    for what in (
+        "calibration.toml: chart = 'sg' (expected colorchecker24)",
+        "method = 3 (expected pinv or ridge",
+        "none.csv: no such file",
+        "unknown setting 'light'",
+        "line 3, column '1': empty",
+    ):
+        assert what in said
+    assert len(said.splitlines()) == 5
+
+
+def test_a_filter_missing_under_one_light_is_named(folder):
+    for shot in (folder / "A" / "cyan").iterdir():
+        shot.unlink()
+    assert refused(folder).startswith(f"{folder / 'A'}: no photographs through cyan")
+
+
+def test_patches_without_radiance_are_named(folder):
+    few = Spectra(WAVELENGTHS, NAMES[:-1], np.ones((36, 23)))
+    write_spectra(folder / "A" / "radiance.csv", few)
+    assert "A/radiance.csv: no column for patch 24" in refused(folder)
+
+
+def test_a_light_without_readings_or_photographs_is_named(folder):
+    (folder / "A" / "radiance.csv").unlink()
+    for name in ("cyan", "yellow"):
+        for shot in (folder / "D65" / name).iterdir():
+            shot.unlink()
+    said = refused(folder)
+    assert "A/radiance.csv: no such file" in said
+    assert "D65: no photographs" in said
+
+
+def test_settings_that_are_no_toml_are_refused(folder):
+    (folder / "calibration.toml").write_text("chart =")
+    assert "calibration.toml: not TOML" in refused(folder)
