@@ -1,0 +1,184 @@
+"""Where each filter's image lies against the first: glass in front of a lens moves the picture.
+
+The filters change colours and brightness, so what is compared is texture: the logarithm of each
+channel, less its local mean, over its local spread. The shift then makes it match best, in least
+squares over the sphere and what is seen around it, all channels together, each with the weight
+its match deserves: what two filters both let through (green, for cyan and yellow) decides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.errors import fault
+from stages.mirror import Array, Sphere
+from stages.types import Measured
+
+_SMOOTH = 1.0  # px, sigma: below it lies what pixels alias and cubic interpolation gets wrong
+_LOCAL = 6.0  # px, sigma of the local mean and spread
+_REACH = 16  # px, the largest shift that is looked for
+_ENOUGH = 2e5  # places compared; of larger images every second or third row and column
+_LEAST = 0.3  # correlation; textures that have nothing in common stay below
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """Image k shows at p + shifts[k] what image 0 shows at p.
+
+    shifts       (F, 2) x, y in px; the first is 0
+    correlation  (F,) of the texture in the best channel, after the shift
+    error_px     (F,) standard error of a shift, from how well the textures match
+    """
+
+    shifts: Array
+    correlation: Array
+    error_px: Array
+
+
+def align(images: Sequence[Measured], sphere: Sphere) -> Alignment:
+    """Solve for the shifts of all images against the first.
+
+    images   one a filter, (H, W, C) each
+    sphere   as it is seen in the first
+    raises   InputError where an image has no texture in common with the first
+    """
+    count = len(images)
+    shifts, error = np.zeros((count, 2)), np.zeros(count)
+    correlation = np.ones(count)
+    if count > 1:
+        first, known = _texture(_about(images[0], sphere))
+        for k in range(1, count):
+            other, other_known = _texture(_about(images[k], sphere))
+            start = _coarse(first, other)
+            shifts[k], correlation[k], error[k] = _refine(first, known, other, other_known, start)
+            if not correlation[k] > _LEAST:
+                raise fault(
+                    f"filter {k + 1}'s photograph does not match the first filter's "
+                    f"(correlation {correlation[k]:.2f})",
+                    f"the same view, shifted by at most {_REACH} px",
+                    "check that camera and sphere stood still between the filters",
+                )
+    return Alignment(shifts, correlation, error)
+
+
+def _about(image: Measured, sphere: Sphere) -> Measured:
+    """The part of the image that holds the sphere and a fifth of its radius around it."""
+    rim, margin = sphere.outline(), 0.2 * sphere.rim_px + _REACH
+    height, width = image.valid.shape
+    x0, y0 = np.maximum(np.floor(rim.min(axis=0) - margin).astype(int), 0)
+    x1, y1 = np.minimum(np.ceil(rim.max(axis=0) + margin).astype(int), (width, height))
+    part = (slice(y0, y1), slice(x0, x1))
+    return Measured(image.values[part], image.variance[part], image.valid[part])
+
+
+def _texture(image: Measured) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Locally normalised logarithm (C, h, w) of the image, and where it is known (h, w)."""
+    import cv2
+
+    def blur(x, sigma):
+        return cv2.GaussianBlur(x, (0, 0), sigma, borderType=cv2.BORDER_REFLECT)
+
+    finite = (image.valid > 0.5) & np.isfinite(image.values).all(axis=-1)
+    textures = []
+    for c in range(image.values.shape[-1]):
+        light = image.values[..., c]
+        ceiling = light[finite].max(initial=0.0)
+        light = blur(np.where(finite, light, ceiling).astype(np.float32), _SMOOTH)
+        noise = np.sqrt(np.median(image.variance[..., c][finite])) if finite.any() else 0.0
+        floor = 3.0 * noise + 0.01 * np.median(light) + 1e-12
+        log = np.log(np.maximum(light, 0.0) + floor).astype(np.float32)
+        detail = log - blur(log, _LOCAL)
+        # Where there is nothing but noise, noise is not to be raised to texture.
+        spread = np.sqrt(blur(detail * detail, _LOCAL) + 0.02**2)
+        textures.append(detail / spread)
+    known = blur(finite.astype(np.float32), _LOCAL / 2.0) > 0.99
+    return np.stack(textures), known
+
+
+def _coarse(first: NDArray[np.float32], other: NDArray[np.float32]) -> Array:
+    """The whole-pixel shift (x, y) of greatest cross-correlation, within the reach."""
+    from scipy.fft import irfft2, rfft2
+
+    h, w = first.shape[1:]
+    window = np.outer(np.hanning(h), np.hanning(w)).astype(np.float32)
+    spectrum = np.conj(rfft2(first * window)) * rfft2(other * window)
+    score = irfft2(spectrum, s=(h, w)).sum(axis=0)
+    dy, dx = (np.fft.fftfreq(n, 1.0 / n) for n in (h, w))
+    score = np.where((np.abs(dy)[:, None] <= _REACH) & (np.abs(dx) <= _REACH), score, -np.inf)
+    row, column = np.unravel_index(np.argmax(score), score.shape)
+    return np.array([dx[column], dy[row]])
+
+
+def _shifted(image: NDArray[np.float32], shift: Array) -> NDArray[np.float32]:
+    """The image (h, w) at p + shift, within the reach; Lanczos, three lobes.
+
+    OpenCV's own warps round positions to a 32nd of a pixel, as much as is to be measured.
+    """
+    import cv2
+
+    taps = np.arange(-_REACH - 4, _REACH + 5)
+
+    def kernel(s):
+        x = taps - s
+        weight = np.where(np.abs(x) < 3, np.sinc(x) * np.sinc(x / 3.0), 0.0)
+        return weight / weight.sum()
+
+    across, down = kernel(shift[0]), kernel(shift[1])
+    moved = cv2.sepFilter2D(image, cv2.CV_32F, across, down, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(moved, np.float32)
+
+
+def _refine(first, known, other, other_known, start: Array) -> tuple[Array, float, float]:
+    """Gauss-Newton for the shift; also the best channel's correlation and the standard error.
+
+    Both images' slopes are averaged (second order in the shift), and places that do not match, as
+    a highlight clipped in one, lose their weight.
+    """
+    shift = start.astype(np.float64)
+    slope_x, slope_y = np.gradient(first, axis=2), np.gradient(first, axis=1)
+    margin = _REACH + 4
+    eye = np.eye(len(first))
+    inner = np.zeros(known.shape, bool)
+    stride = max(1, round(np.sqrt(known.size / _ENOUGH)))
+    inner[margin:-margin:stride, margin:-margin:stride] = True
+    for _ in range(10):
+        moved = np.stack([_shifted(c, shift) for c in other])
+        moved_known = _shifted(other_known.astype(np.float32), np.rint(shift)) > 0.999
+        use = inner & known & moved_known
+        if use.sum() < 100:
+            return shift, 0.0, np.inf
+        moved_x, moved_y = np.gradient(moved, axis=2), np.gradient(moved, axis=1)
+        a = first[:, use].astype(np.float64)
+        normal, right, correlations = np.zeros((2, 2)), np.zeros(2), []
+        for c in range(len(moved)):
+            b = moved[c][use].astype(np.float64)
+            weight = np.ones_like(b)
+            for _ in range(2):  # robust regression on the first image's channels
+                weighted = a * weight
+                mix = np.linalg.solve(weighted @ a.T + 1e-6 * len(b) * eye, weighted @ b)
+                residual = b - mix @ a
+                scale = 1.4826 * np.median(np.abs(residual)) + 1e-6
+                weight = 1.0 / (1.0 + (residual / (2.0 * scale)) ** 2) ** 2
+            slope = 0.5 * np.stack(
+                [
+                    moved_x[c][use] + np.tensordot(mix, slope_x[:, use], 1),
+                    moved_y[c][use] + np.tensordot(mix, slope_y[:, use], 1),
+                ]
+            )
+            weighted = slope * (weight / scale**2)
+            normal += weighted @ slope.T
+            right -= weighted @ residual
+            correlations.append(np.sqrt(max(0.0, 1.0 - residual @ residual / (b @ b + 1e-12))))
+        if np.linalg.cond(normal) > 1e8:
+            return shift, 0.0, np.inf
+        step = np.linalg.solve(normal, right)
+        shift = np.clip(shift + np.clip(step, -1.0, 1.0), -_REACH - 1, _REACH + 1)
+        if np.abs(step).max() < 1e-3:
+            break
+    # Residuals are smooth over some 4 pi sigma^2 px, which count as one.
+    covariance = np.linalg.inv(normal) * max(4.0 * np.pi * _SMOOTH**2 / stride**2, 1.0)
+    return shift, float(max(correlations)), float(np.sqrt(np.trace(covariance) / 2.0))

@@ -1,0 +1,372 @@
+"""Find the sphere in the photograph: its rim to a fraction of a pixel, and so its place in space.
+
+A circle is voted for by the image's gradients at low resolution, in logarithm, so that a lamp is
+worth no more votes than a dark edge; then the one model that is right, the image of a cone of
+tangents, is fitted to the rim at that resolution and, halving the pixel each time, up to the full.
+
+What a rim looks like decides how it is measured. At the rim a mirror is grazed: it reflects nearly
+all light and bends it hardly at all, so just inside it shows the very thing that is seen just
+outside. There is no step. Going in by e pixels, the reflected direction turns away like sqrt(e),
+thousands of times faster than outside, so brightness bends off like a root: a step detector finds
+an edge half a pixel or more inside the rim, by an amount that hangs on what is reflected.
+Each profile across the rim is therefore fitted by
+
+    outside  a + b x           inside, e = -x  a + c sqrt(e) + d e + f e^1.5,     blurred
+
+with its kink at every place in reach, and the best place is the profile's vote. Where the world
+behind the sphere is even the profile shows nothing and has no vote; where a panel's edge runs along
+the rim, or a stand hides it, the vote is wrong: the rim is therefore where most votes agree,
+not where their mean is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.errors import fault
+from stages.mirror import Array, Sphere, rim_from_circle
+from stages.types import Measured
+
+_REMEDY = "give the rim as outline = [x, y, radius] in [sphere], in px of the full-size raw image"
+
+_COARSE = 360  # px, longest side of the image in which circles are voted for
+_CANDIDATES = 12  # circles that are fitted there
+_FOLLOWED = 3  # of them that are followed to the full image
+_AGREE = 0.4  # share of a rim's votes that must agree; a circle fitted to clutter gets .2 to .4 ...
+_FOUND = 0.2  # ... and the share of the whole rim: a flat background leaves parts without a vote
+
+
+def locate(
+    images: Sequence[Measured],
+    *,
+    radius_mm: float,
+    distance_mm: float | None = None,
+    focal_px: float | None = None,
+    outline: Sequence[float] | None = None,
+    yaw_deg: float = 0.0,
+) -> Sphere:
+    """Find the sphere in the first image.
+
+    images       of one view, one a filter, (H, W, C) each; the others' shifts are `align`'s
+    radius_mm    of the sphere
+    distance_mm  entrance pupil to centre; where given, the focal length is solved from the rim
+    focal_px     focal length in px; where it alone is given, the distance is solved
+    outline      x, y, radius in px: taken as the rim, instead of a search
+    yaw_deg      turn of the result about +Y, handed on
+    returns      Sphere
+    raises       InputError: neither distance nor focal length; no sphere; cut by the frame
+    """
+    height, width = images[0].values.shape[:2]
+    if distance_mm is None and focal_px is None:
+        raise fault(
+            "neither the sphere's distance nor the lens's focal length is known",
+            "one of them",
+            "give distance_mm in [sphere], or focal_length_mm and pixel_pitch_um in [camera]",
+        )
+    if distance_mm is not None and distance_mm <= radius_mm:
+        raise fault(
+            f"the sphere's distance is {distance_mm:g} mm and its radius {radius_mm:g} mm",
+            "the camera outside the sphere",
+            "measure distance_mm from the lens's entrance pupil to the sphere's centre",
+        )
+
+    def sphere_at(x: float, y: float, rim_px: float, scale: float = 1.0) -> Sphere:
+        return Sphere.from_rim(
+            x,
+            y,
+            rim_px,
+            radius_mm=radius_mm,
+            principal_px=(width * scale / 2.0, height * scale / 2.0),
+            distance_mm=distance_mm,
+            focal_px=None if focal_px is None else focal_px * scale,
+            yaw_deg=yaw_deg,
+        )
+
+    if outline is not None:
+        x, y, radius = (float(v) for v in outline)
+        if radius <= 0:
+            raise fault(f"the outline's radius is {radius:g} px", "more than 0", _REMEDY)
+        sphere = sphere_at(*rim_from_circle(x, y, radius, sphere_at))
+        _refuse_cut(sphere, width, height, "correct outline = [x, y, radius] in [sphere]")
+        return sphere
+    sphere = _search(images[0], sphere_at)
+    _refuse_cut(
+        sphere, width, height, f"photograph the whole sphere, or, if this is not it, {_REMEDY}"
+    )
+    return sphere
+
+
+def _refuse_cut(sphere: Sphere, width: int, height: int, remedy: str) -> None:
+    rim = sphere.outline()
+    low, high = rim.min(axis=0), rim.max(axis=0)
+    sides = {
+        "left": low[0] < 0,
+        "right": high[0] > width,
+        "top": low[1] < 0,
+        "bottom": high[1] > height,
+    }
+    cut = [side for side, beyond in sides.items() if beyond]
+    if cut:
+        raise fault(
+            f"the sphere at {sphere.centre_px[0]:.0f}, {sphere.centre_px[1]:.0f} px, radius "
+            f"{sphere.rim_px:.0f} px, is cut by the {' and '.join(cut)} of the frame",
+            f"its whole rim within {width} x {height} px",
+            remedy,
+        )
+
+
+@dataclass(frozen=True)
+class _Level:
+    """The image at one resolution.
+
+    light  (h, w) mean of the channels; NaN where not known
+    noise  (h, w) its variance
+    scale  px of this level per px of the full image
+    """
+
+    light: Array
+    noise: Array
+    scale: float
+
+
+def _pyramid(image: Measured) -> list[_Level]:
+    """The image at full resolution, half, quarter, ... down to `_COARSE`."""
+    light = np.where(image.valid > 0.5, image.values.mean(axis=-1), np.nan)
+    noise = image.variance.mean(axis=-1) / image.values.shape[-1]
+    levels = [_Level(light, noise, 1.0)]
+    while max(levels[-1].light.shape) > _COARSE:
+        last = levels[-1]
+        levels.append(_Level(_halve(last.light), _halve(last.noise) / 4.0, last.scale / 2.0))
+    return levels
+
+
+def _halve(image: Array) -> Array:
+    """Means of 2 x 2 px; an odd last row or column falls away."""
+    h, w = image.shape[0] // 2 * 2, image.shape[1] // 2 * 2
+    return (
+        image[0:h:2, 0:w:2] + image[1:h:2, 0:w:2] + image[0:h:2, 1:w:2] + image[1:h:2, 1:w:2]
+    ) / 4.0
+
+
+def _search(image: Measured, sphere_at: Callable[..., Sphere]) -> Sphere:
+    """The sphere found without help, `rim_found` and `rim_residual_px` filled in."""
+    levels = _pyramid(image)
+    coarse = levels[-1]
+    fits = [
+        _fit_rim(coarse, circle, sphere_at, reach=3.0)
+        for circle in _vote_circles(_log_light(coarse.light))
+    ]
+    for level in levels[-2::-1]:
+        fits = sorted(fits, key=_merit)[-_FOLLOWED:]
+        fits = [_fit_near(level, 2.0 * fit.rim, sphere_at) for fit in fits]
+    best = max(fits, key=_merit, default=None)
+    if best is None or _merit(best) <= 0 or best.found < _FOUND:
+        raise fault("no sphere found in the photograph", "one mirror sphere, all of it", _REMEDY)
+    return replace(sphere_at(*best.rim), rim_residual_px=best.residual_px, rim_found=best.found)
+
+
+def _merit(fit: _RimFit) -> float:
+    """Length of rim that agrees, beyond what clutter would; circles within circles lose."""
+    return (fit.found - _AGREE * fit.voting) * float(fit.rim[2])
+
+
+def _log_light(light: Array) -> Array:
+    """log of the light, 8 EV below the median at the least; what is not known counts as lamp."""
+    known = light[np.isfinite(light)]
+    if not known.size or not np.any(known > 0):
+        return np.zeros_like(light)
+    floor = np.median(known[known > 0]) / 256.0
+    return np.log(np.maximum(np.where(np.isfinite(light), light, known.max()), floor))
+
+
+def _vote_circles(image: Array) -> list[Array]:
+    """Circles (x, y, radius) that many edges of the image (h, w) are tangents of, best first.
+
+    Each pixel of the strongest quarter of gradients votes for the two centres at each radius along
+    its gradient, either sign: a rim is darker than the background here and brighter there.
+    """
+    from scipy.ndimage import gaussian_filter, uniform_filter
+
+    h, w = image.shape
+    gy = gaussian_filter(image, 1.0, order=(1, 0))
+    gx = gaussian_filter(image, 1.0, order=(0, 1))
+    strength = np.hypot(gx, gy)
+    cap = np.quantile(strength, 0.9)
+    if cap <= 1e-6:
+        return []
+    row, column = np.nonzero(strength > np.quantile(strength, 0.75))
+    size = strength[row, column]
+    nx, ny = gx[row, column] / size, gy[row, column] / size
+    weight = np.minimum(size / cap, 1.0)
+    radii = np.arange(8, int(0.6 * max(h, w)))
+    votes = np.zeros((len(radii), h, w), np.float32)
+    for k, radius in enumerate(radii):
+        for sign in (-radius, radius):
+            x, y = np.rint(column + sign * nx).astype(int), np.rint(row + sign * ny).astype(int)
+            on = (x >= 0) & (x < w) & (y >= 0) & (y < h)
+            votes[k] += np.bincount(
+                y[on] * w + x[on], weights=weight[on] / np.sqrt(radius), minlength=h * w
+            ).reshape(h, w)
+    votes = uniform_filter(votes, 3)
+    circles = []
+    for _ in range(_CANDIDATES):
+        k, y, x = (int(i) for i in np.unravel_index(np.argmax(votes), votes.shape))
+        circles.append(np.array([x + 0.5, y + 0.5, radii[k]]))
+        votes[max(k - 3, 0) : k + 4, max(y - 3, 0) : y + 4, max(x - 3, 0) : x + 4] = 0.0
+    return circles
+
+
+@dataclass(frozen=True)
+class _RimFit:
+    """A fitted rim.
+
+    rim          (3,) x, y, rim_px, in px of its level
+    found        share of its places that agree
+    voting       share of its places that have a say
+    residual_px  their spread
+    agreement    weight of the places that agree, less twice that of those that lie outside, of 1
+    """
+
+    rim: Array
+    found: float
+    voting: float
+    residual_px: float
+    agreement: float
+
+
+# Profiles across the rim: from 3 px inside to 3 px outside. Further in, more terms would be needed.
+_PROFILE = np.arange(-3.0, 3.01, 0.5)
+_PLACES = 0.1  # px between the places tried for the kink
+_BLUR = 0.55  # px, sigma of pixel, demosaicing and our own interpolation; .45 to .9 does as well
+_SAY = 0.2  # the least weight of a vote that is counted
+_MODEL_ERROR = 3e-3  # relative, of the profile's model
+
+
+def _kink_models(reach: float) -> tuple[Array, Array]:
+    """Places (S,) of the kink within the reach, and orthonormal bases (S, T, K) of its profiles."""
+    places = np.arange(-reach, reach + 1e-9, _PLACES)
+    spread = np.linspace(-3.5, 3.5, 71) * _BLUR
+    weight = np.exp(-0.5 * (spread / _BLUR) ** 2)
+    weight /= weight.sum()
+    x = _PROFILE[None, :, None] - places[:, None, None] - spread
+    inside, outside = np.maximum(-x, 0.0), np.maximum(x, 0.0)
+    terms = (np.ones_like(x), outside, np.sqrt(inside), inside, inside**1.5)
+    return places, np.linalg.qr(np.stack([term @ weight for term in terms], axis=-1))[0]
+
+
+def _fit_near(level: _Level, start: Array, sphere_at: Callable[..., Sphere]) -> _RimFit:
+    """The better of the rims found from a start and from a little outside it.
+
+    From further out the profiles reach less far in, to where edges of things reflected lie.
+    """
+    fits = [
+        _fit_rim(level, np.add(start, (0.0, 0.0, larger)), sphere_at, reach=2.5)
+        for larger in (0.0, 1.6)
+    ]
+    return max(fits, key=lambda fit: fit.agreement)
+
+
+def _fit_rim(
+    level: _Level, start: Array, sphere_at: Callable[..., Sphere], *, reach: float, rounds: int = 3
+) -> _RimFit:
+    """The rim near a circle given to within about the reach, in px of the level."""
+    places, models = _kink_models(reach)
+    rim = np.array(start, np.float64)
+    for k in range(rounds):
+        sphere = sphere_at(*rim, level.scale)
+        count = int(np.clip(2.0 * np.pi * sphere.rim_px, 120, 1440))
+        outline = sphere.outline(count)
+        offset, weight = _votes(level, outline, sphere.outward(outline), places, models)
+        # How far the rim's places move outwards when x, y and size grow by a pixel.
+        moves = np.stack(
+            [10.0 * sphere_at(*(rim + d), level.scale).inside_px(outline) for d in 0.1 * np.eye(3)],
+            axis=-1,
+        )
+        step, agreeing, agreement = _consensus(offset, weight, moves, polish=k == rounds - 1)
+        rim = rim + np.clip(step, -reach, reach)
+        if rim[2] < 4.0 or not np.isfinite(rim).all():
+            return _RimFit(np.array(start, np.float64), 0.0, 1.0, np.nan, -np.inf)
+    residual = (offset - moves @ step)[agreeing]
+    spread = 1.4826 * float(np.median(np.abs(residual))) if residual.size else np.nan
+    voting = float(np.mean(weight > _SAY))
+    return _RimFit(rim, float(agreeing.mean()), voting, spread, agreement)
+
+
+def _votes(
+    level: _Level, outline: Array, outward: Array, places: Array, models: Array
+) -> tuple[Array, Array]:
+    """Where each place of the outline (n, 2) sees the rim: px outwards (n,), and weights (n,)."""
+    x, y = np.moveaxis(outline[:, None] + _PROFILE[:, None] * outward[:, None], -1, 0)
+    profile = _bilinear(level.light, x, y)
+    size = np.mean(np.abs(profile), axis=1)
+    size = np.where(size > 0, size, np.nan)
+    noise = np.mean(_bilinear(level.noise, x, y), axis=1) / size**2
+    usable = np.isfinite(profile).all(axis=1) & np.isfinite(noise)
+    profile = np.where(usable[:, None], profile / size[:, None], 0.0)
+    explained = np.einsum("snk,snk->sn", *2 * (profile @ models,))
+    misfit = np.sum(profile**2, axis=1) - explained
+    floor = _MODEL_ERROR**2 + np.where(usable, noise, 0.0)
+    misfit = np.log(np.maximum(misfit, 0.0) / len(_PROFILE) + floor)  # (S, n)
+    best = np.argmin(misfit, axis=0)
+    usable &= (best > 0) & (best < len(places) - 1)
+    best = np.clip(best, 1, len(places) - 2)
+    n = np.arange(len(best))
+    before, here, after = misfit[best - 1, n], misfit[best, n], misfit[best + 1, n]
+    bend = before - 2.0 * here + after
+    offset = places[best] + _PLACES * 0.5 * (before - after) / np.where(bend > 0, bend, np.inf)
+    clear = np.median(misfit, axis=0) - misfit.min(axis=0)
+    return offset, np.where(usable, np.clip(clear - 0.3, 0.0, 2.0), 0.0)
+
+
+def _consensus(
+    offset: Array, weight: Array, moves: Array, *, polish: bool
+) -> tuple[Array, NDArray[np.bool_], float]:
+    """The step (3,) of x, y and size that most votes (n,) agree on, which do (n,), how well.
+
+    A vote agrees by a kernel .2 px wide. One that lies further out counts against, twice: edges
+    of things reflected along part of the rim make false maxima, but always inside the true rim,
+    which then still shows outside them, while nothing outside a true rim follows it.
+    """
+    from scipy.optimize import minimize
+
+    def discord(steps: Array) -> Array:
+        beyond = offset - steps @ moves.T
+        agreeing = np.exp(-0.5 * (beyond / 0.2) ** 2)
+        outside = 0.5 + 0.5 * np.tanh((beyond - 0.45) / 0.1)
+        return (2.0 * outside - agreeing) @ weight
+
+    # Reweighted least squares with a narrowing kernel, from a grid of starts at once.
+    grid = np.array([-0.7, 0.0, 0.7])
+    steps = np.stack(np.meshgrid(grid, grid, grid, indexing="ij"), axis=-1).reshape(-1, 3)
+    products = (moves[:, :, None] * moves[:, None, :]).reshape(-1, 9)
+    for width in (1.0, 0.6, 0.35, 0.25, 0.2):
+        w = weight * np.exp(-0.5 * ((offset - steps @ moves.T) / width) ** 2)
+        normal = (w @ products).reshape(-1, 3, 3) + 1e-6 * np.eye(3)
+        steps = np.linalg.solve(normal, ((w * offset) @ moves)[..., None])[..., 0]
+    best = steps[np.argmin(discord(steps))]
+    if polish:
+        simplex = best + np.concatenate([np.zeros((1, 3)), 0.3 * np.eye(3)])
+        best = minimize(
+            discord,
+            best,
+            method="Nelder-Mead",
+            options={"initial_simplex": simplex, "xatol": 2e-3, "fatol": 1e-6, "maxfev": 200},
+        ).x
+    agreeing = (weight > _SAY) & (np.abs(offset - moves @ best) < 0.5)
+    return best, agreeing, -float(discord(best)) / max(float(weight.sum()), 1e-9)
+
+
+def _bilinear(image: Array, x: Array, y: Array) -> Array:
+    """The image (h, w) at px positions; NaN outside it."""
+    h, w = image.shape
+    column, row = np.floor(x - 0.5).astype(int), np.floor(y - 0.5).astype(int)
+    inside = (column >= 0) & (column < w - 1) & (row >= 0) & (row < h - 1)
+    fx, fy = x - 0.5 - column, y - 0.5 - row
+    column, row = np.clip(column, 0, w - 2), np.clip(row, 0, h - 2)
+    top = image[row, column] * (1 - fx) + image[row, column + 1] * fx
+    bottom = image[row + 1, column] * (1 - fx) + image[row + 1, column + 1] * fx
+    return np.where(inside, top * (1 - fy) + bottom * fy, np.nan)

@@ -1,0 +1,67 @@
+"""Shifts known to the tracer, between photographs through unlike filters."""
+
+import numpy as np
+import pytest
+from sphere_tracer import Camera, busy_world, chromium, photograph, smooth_world
+
+from calibration.errors import InputError
+from stages.align import align
+from stages.mirror import Sphere
+from stages.types import Measured
+
+CAMERA = Camera.seeing(120.3, 110.7, 90.0, 220, 240)
+SPHERE = Sphere(CAMERA.centre, CAMERA.radius, CAMERA.focal_px, (120.0, 110.0))
+# Camera channels from the world's three bands: what a cyan and a yellow filter leave of each.
+CYAN = np.array([[0.05, 0.1, 0.0], [0.05, 0.9, 0.3], [0.0, 0.3, 1.0]])
+YELLOW = 3.0 * np.array([[1.0, 0.3, 0.0], [0.1, 1.0, 0.05], [0.0, 0.1, 0.02]])
+
+
+def room(seed):
+    """A busy world whose bands are alike but not the same."""
+    grey, tint = busy_world(seed), smooth_world(seed + 500, degree=15.0, channels=3)
+    return lambda d: grey(d) * tint(d)
+
+
+def measured(image, seed):
+    variance = 0.005**2 * image + (1e-3 * image.mean(axis=(0, 1))) ** 2
+    noise = np.random.default_rng(seed).normal(size=image.shape) * np.sqrt(variance)
+    return Measured(
+        (image + noise).astype(np.float32),
+        variance.astype(np.float32),
+        np.ones(image.shape[:2], np.float32),
+    )
+
+
+def view(world, filter_bands, shift=(0.0, 0.0), seed=0):
+    image = photograph(CAMERA, world, chromium, shift, rim_samples=4)
+    return measured(image @ filter_bands.T, seed)
+
+
+def test_one_filter_lies_where_it_lies():
+    alone = align([view(room(1), CYAN)], SPHERE)
+    assert alone.shifts.tolist() == [[0.0, 0.0]]
+
+
+@pytest.mark.parametrize(("seed", "shift"), [(1, (0.31, 0.47)), (2, (-2.6, 3.2))])
+def test_a_shift_is_found_to_a_twentieth_of_a_pixel_through_unlike_filters(seed, shift):
+    world = room(seed)
+    found = align([view(world, CYAN, seed=3), view(world, YELLOW, shift, seed=4)], SPHERE)
+    np.testing.assert_allclose(found.shifts, [(0.0, 0.0), shift], atol=0.05)
+    assert found.correlation[1] > 0.9
+    assert 0.0 < found.error_px[1] < 0.05
+
+
+def test_a_clipped_lamp_does_not_pull():
+    world = room(1)
+    first, other = view(world, CYAN, seed=3), view(world, YELLOW, (0.5, -0.5), seed=4)
+    clipped = other.values[..., 1] > 8.0
+    assert clipped.any()
+    values = np.where(clipped[..., None], np.nan, other.values)
+    other = Measured(values, other.variance, (~clipped).astype(np.float32))
+    np.testing.assert_allclose(align([first, other], SPHERE).shifts[1], (0.5, -0.5), atol=0.05)
+
+
+def test_photographs_of_different_things_are_refused():
+    flat = measured(np.ones((220, 240, 3)), 1)
+    with pytest.raises(InputError, match="does not match"):
+        align([view(room(1), CYAN), flat], SPHERE)

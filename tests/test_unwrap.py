@@ -1,0 +1,172 @@
+"""Worlds known as functions of direction, photographed by the tracer, come back as cubemaps."""
+
+import numpy as np
+import pytest
+from sphere_tracer import Camera, photograph, smooth_world
+
+from stages.align import Alignment
+from stages.cube import directions
+from stages.demosaic import demosaic
+from stages.mirror import Sphere
+from stages.types import Measured, Radiance
+from stages.unwrap import BAYER_NOISE_AREA_PX, default_face_size, unwrap
+
+CAMERA = Camera.seeing(178.3, 149.6, 130.0, 310, 330, distance=900.0)
+SPHERE = Sphere(CAMERA.centre, CAMERA.radius, CAMERA.focal_px, (165.0, 155.0))
+STILL = Alignment(np.zeros((1, 2)), np.ones(1), np.zeros(1))
+
+
+def measured(image, variance=1e-4):
+    image = np.asarray(image, np.float32)
+    spread = np.broadcast_to(np.float32(variance), image.shape).copy()
+    return Measured(image, spread, np.ones(image.shape[:2], np.float32))
+
+
+def angle_from_camera(face_size):
+    return np.degrees(np.arccos(directions(face_size)[..., 2]))
+
+
+def relative_error(cube, world):
+    d = directions(cube.valid.shape[1])
+    truth = world(d.reshape(-1, 3)).reshape(*d.shape[:3], -1)
+    return np.abs(cube.values / truth - 1.0).max(axis=-1)
+
+
+@pytest.mark.parametrize("where", [(165.0, 155.0), (150.4, 163.9)])
+def test_a_band_limited_world_comes_back_all_round(where):
+    camera = Camera.seeing(*where, 130.0, 310, 330, distance=400.0)
+    sphere = Sphere(camera.centre, camera.radius, camera.focal_px, (165.0, 155.0))
+    world = smooth_world(5, degree=8.0, channels=3)
+    cube = unwrap([measured(photograph(camera, world))], sphere, STILL, face_size=64)
+    error, angle = relative_error(cube, world), angle_from_camera(64)
+    for limit, median, tail in ((135.0, 5e-4, 2e-3), (160.0, 1e-3, 5e-3)):
+        inside = error[(angle < limit) & (cube.valid > 0.5)]
+        assert np.median(inside) < median
+        assert np.percentile(inside, 95) < tail
+
+
+def test_an_asymmetric_world_comes_out_the_right_way_round():
+    def world(d):  # a coloured patch on each axis but the blind one
+        return np.stack([d[:, 0] > 0.8, d[:, 1] > 0.8, (d[:, 0] < -0.8) * 2.0], axis=1) * 1.0
+
+    cube = unwrap([measured(photograph(CAMERA, world))], SPHERE, STILL, face_size=16).values
+    middle = cube[:, 7:9, 7:9].mean(axis=(1, 2))
+    np.testing.assert_allclose(
+        middle[:5], [[1, 0, 0], [0, 0, 2], [0, 1, 0], [0, 0, 0], [0, 0, 0]], atol=1e-6
+    )
+
+
+def test_a_constant_world_stays_exactly_constant_where_anything_is_known():
+    cube = unwrap([measured(np.full((310, 330, 3), 0.7))], SPHERE, STILL, face_size=32)
+    known = cube.valid > 0
+    np.testing.assert_allclose(cube.values[known], 0.7, rtol=2e-6)
+    assert np.isnan(cube.values[~known]).all()
+    assert np.isnan(cube.variance[~known]).all()
+
+
+def test_valid_falls_from_one_to_nothing_at_the_rim_and_in_the_blind_cone():
+    cube = unwrap([measured(np.ones((310, 330, 1)))], SPHERE, STILL, face_size=128)
+    angle = angle_from_camera(128)
+    np.testing.assert_allclose(cube.valid[angle < 145.0], 1.0, atol=1e-5)
+    blind = 180.0 - np.degrees(np.arcsin(50.0 / 900.0))
+    assert (cube.valid[angle > blind] == 0).all()
+    falling = cube.valid[(angle > 155.0) & (angle < 172.0)]
+    assert ((falling > 0.1) & (falling < 0.9)).mean() > 0.2  # a slope and not a step
+    assert (cube.valid <= 1.0).all()
+
+
+def test_nothing_beside_the_sphere_leaks_into_the_cubemap():
+    image = np.ones((310, 330, 1))
+    y, x = np.mgrid[:310, :330] + 0.5
+    image[SPHERE.inside_px(np.stack([x, y], axis=-1)) < 0.8] = 1e6
+    cube = unwrap([measured(image)], SPHERE, STILL, face_size=64)
+    np.testing.assert_allclose(cube.values[cube.valid > 0], 1.0, rtol=1e-5)
+
+
+def test_a_texel_is_the_mean_over_its_area_and_never_steps_over_a_pixel():
+    # Finest stripes the photograph has, under texels of many pixels: all must be near the mean.
+    stripes = np.where(np.arange(330) % 2, 2.0, 0.0) * np.ones((310, 1))
+    cube = unwrap([measured(stripes[..., None])], SPHERE, STILL, face_size=8)
+    front = cube.values[angle_from_camera(8) < 120.0]
+    assert np.abs(front - 1.0).max() < 0.1
+
+
+def test_unknown_pixels_are_left_out_and_lower_valid():
+    image = np.ones((310, 330, 1), np.float32)
+    image[149:151, 150:210] = np.nan
+    cube = unwrap([measured(image)], SPHERE, STILL, face_size=32)
+    front = cube.valid[4]
+    assert 0.05 < front.min() < 0.9
+    known = cube.valid > 0
+    np.testing.assert_allclose(cube.values[known], 1.0, rtol=1e-5)
+
+
+def test_a_filter_is_read_where_its_image_lies():
+    world = smooth_world(6, degree=8.0, channels=2)
+    shift = (0.75, -1.4)
+    images = [
+        measured(photograph(CAMERA, world, samples=1)),
+        measured(photograph(CAMERA, world, shift=shift, samples=1)),
+    ]
+    alignment = Alignment(np.array([(0.0, 0.0), shift]), np.ones(2), np.zeros(2))
+    cube = unwrap(images, SPHERE, alignment, face_size=32)
+    assert cube.values.shape == (6, 32, 32, 4)
+    both = (angle_from_camera(32) < 150.0) & (cube.valid > 0.9)
+    ratio = cube.values[both][:, 2:] / cube.values[both][:, :2]
+    assert np.percentile(np.abs(ratio - 1.0), 95) < 2e-3
+
+
+def test_the_variance_is_the_spread_of_noisy_repeats():
+    rng = np.random.default_rng(7)
+    clean = np.ones((310, 330, 24), np.float32)  # 24 repeats, one a channel
+    x = np.linspace(0.5, 2.0, 330)[None, :, None]
+    noisy = clean + rng.normal(size=clean.shape) * 0.05 * x
+    cube = unwrap([measured(noisy, (0.05 * x) ** 2)], SPHERE, STILL, face_size=64)
+    known = cube.valid > 0.3
+    spread = cube.values[known].var(axis=-1, ddof=1)
+    stated = cube.variance[known].mean(axis=-1)
+    angle = angle_from_camera(64)[known]
+    for low, high in ((0, 60), (60, 120), (120, 150), (150, 180)):
+        ring = (angle >= low) & (angle < high)
+        # Neighbours share pixels, so a ring is some hundreds of variances of 23 freedoms.
+        assert np.mean(spread[ring] / stated[ring]) == pytest.approx(1.0, abs=0.06)
+
+
+def test_the_variance_knows_what_demosaicing_shares_between_pixels():
+    rng = np.random.default_rng(8)
+    sigma, flat = 0.01, np.ones((310, 330), np.float32)
+    cubes = []
+    for _ in range(8):
+        mosaic = Radiance(
+            mosaic=flat + rng.normal(size=flat.shape).astype(np.float32) * sigma,
+            variance=flat * sigma**2,
+            valid=flat > 0,
+            cfa=np.array([[0, 1], [1, 2]]),
+            tagged=(1.0,),
+            solved=(1.0,),
+            noise=(0.0, sigma),
+            clipped=(0.0,),
+            lost=0.0,
+            defective=flat < 0,
+        )
+        image = demosaic(mosaic)
+        cubes.append(
+            unwrap([image], SPHERE, STILL, face_size=32, noise_area_px=BAYER_NOISE_AREA_PX)
+        )
+    angle = angle_from_camera(32)
+    spread = np.var([cube.values for cube in cubes], axis=0, ddof=1)
+    stated = np.mean([cube.variance for cube in cubes], axis=0)
+    for low, high in ((0, 60), (60, 120), (120, 150)):
+        ring = (angle >= low) & (angle < high)
+        ratio = spread[ring].mean(axis=0) / stated[ring].mean(axis=0)
+        # If noise were taken as independent, the spread would be 1.3 to 2.3 times the stated.
+        np.testing.assert_allclose(np.sqrt(ratio), 1.0, atol=0.12)
+
+
+def test_the_default_face_is_a_power_of_two_near_a_third_of_the_diameter():
+    def of(rim):
+        return default_face_size(
+            Sphere.from_rim(0, 0, rim, radius_mm=50, principal_px=(0, 0), distance_mm=1500)
+        )
+
+    assert [of(425.0), of(1500.0), of(30.0)] == [256, 1024, 64]
