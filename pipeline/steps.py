@@ -33,7 +33,7 @@ from stages.merge import merge
 from stages.mirror import Sphere
 from stages.normalise import normalise, reflectance_at
 from stages.transform import transform
-from stages.unwrap import default_face_size, unwrap
+from stages.unwrap import BAYER_NOISE_AREA_PX, default_face_size, unwrap
 
 Learnt = Mapping[str, Any]
 
@@ -125,6 +125,7 @@ def _unwrap(read, write, *, face_size, names, header) -> Learnt:
         sphere,
         _read_fields(alignment, Alignment),
         face_size=face_size or default_face_size(sphere),
+        noise_area_px=BAYER_NOISE_AREA_PX,
     )
     io.write_measured(write[0], bands, names, header)
     return {"face_size": bands.values.shape[1], "seen": float(bands.valid.mean())}

@@ -1,7 +1,7 @@
 """A small capture of a known world, for the tests of the whole: rays, spectra, sensor, DNG.
 
 The world is a smooth mixture of daylight and tungsten; the photographs are traced ray by ray in
-36 wavelengths, through curves of the tests' own for camera and filters.
+36 wavelengths, through the curves of a Nikon D5100 and of two filters like BG39 and GG475.
 """
 
 from __future__ import annotations
@@ -25,10 +25,8 @@ CAMERA = sphere_tracer.Camera.seeing(157.3, 113.6, 88.0, *SIZE, DISTANCE_MM, RAD
 
 
 def sensitivities() -> Spectra:
-    """R, G, B of the tests' camera."""
-    peaks, widths = np.array([600.0, 535.0, 460.0]), np.array([38.0, 42.0, 30.0])
-    curves = np.exp(-0.5 * ((WAVELENGTHS[:, None] - peaks) / widths) ** 2)
-    return Spectra(WAVELENGTHS, ("R", "G", "B"), curves)
+    """R, G, B of a real camera."""
+    return sets.camera("nikon5100")
 
 
 def transmittances() -> Spectra:

@@ -73,5 +73,5 @@ def test_encoding_has_no_step():
 
 def test_exposure_brings_the_percentile_to_the_shoulder():
     y = np.linspace(0, 20, 201)[:, None] * D65
-    assert auto_exposure(y) == pytest.approx(SHOULDER / 19)
+    assert auto_exposure(y) == pytest.approx(SHOULDER / 18)
     assert auto_exposure(np.zeros((4, 3))) == 1
