@@ -52,11 +52,11 @@ def encode(linear):
     )
 
 
-def auto_exposure(xyz, *, percentile=95.0, target=SHOULDER) -> float:
+def auto_exposure(xyz, *, percentile=90.0, target=SHOULDER) -> float:
     """The factor that brings a percentile of a picture to a target.
 
     xyz         (..., 3) adapted to D65, as for `srgb`
-    percentile  of the picture that is to end at `target` or below: as it stands, 95 % of a picture
+    percentile  of the picture that is to end at `target` or below: as it stands, 90 % of a picture
                 is shown without compression, and lamps and highlights share the shoulder. By the
                 largest component and not by Y, or a strong red would be driven far into it
     returns     factor for `srgb`; 1 for a picture without light

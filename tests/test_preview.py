@@ -53,9 +53,7 @@ def rays(camera, width, height):
 def test_glsl_and_numpy_see_the_same_cube(axis):
     world = asymmetric(16)
     camera = Camera((0.0, 0.0, 0.0), axis, 100.0)
-    seen = preview(
-        world, np.eye(3), Scene((), camera), width=30, height=20, supersampling=1
-    )
+    seen = preview(world, np.eye(3), Scene((), camera), width=30, height=20, supersampling=1)
     d = rays(camera, 30, 20)
     # within half a texel of a corner of the cube three texels meet, and each has its own rule
     _, u, v = cubes.face_positions(d)
@@ -158,9 +156,7 @@ def test_a_polished_ball_mirrors_the_world():
 def test_bounded_ward_keeps_a_white_world_where_the_old_one_darkens():
     world = np.ones((6, 8, 8, 3), np.float32)
     floor = np.linspace(0, 3, 4)
-    flat = revolved(
-        (np.stack([floor, 0 * floor], axis=1), np.tile([0.0, 1.0], (4, 1))), 32
-    )
+    flat = revolved((np.stack([floor, 0 * floor], axis=1), np.tile([0.0, 1.0], (4, 1))), 32)
     grazing = Camera((0.0, 0.5, 6.0), (0.0, 0.0, 0.0), 4.0)  # 85 degrees from the normal
     scene = Scene(((flat, material(0.0, 1.0, 0.05, channels=3)),), grazing)
     seen = {
@@ -208,9 +204,7 @@ def test_left_is_left_on_a_lit_thing():
 def test_the_same_picture_twice_is_the_same_bit_for_bit():
     world = area_average(asymmetric(32, 6), 16)
     scene = Scene(((sphere(segments=24), material(0.4, 0.1)),), CAMERA)
-    first, second = (
-        preview(world, XYZ_FROM_SIX, scene, width=24, height=16) for _ in range(2)
-    )
+    first, second = (preview(world, XYZ_FROM_SIX, scene, width=24, height=16) for _ in range(2))
     assert first.tobytes() == second.tobytes()
 
 
