@@ -205,13 +205,18 @@ def simulate(
     scene: Annotated[str, typer.Argument(help="What to render: room.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="Capture folder to write.")],
     quality: Annotated[str, typer.Option(help="draft or full.")] = "full",
-    force: Force = False,
     quiet: Quiet = False,
 ) -> None:
-    """A capture with ground truth, rendered by Mitsuba 3 (pip install 'sixlight[simulate]').
+    """A capture with ground truth, rendered by Mitsuba 3.
+
+    Needs pip install 'sixlight[simulate]'.
 
     Example: sixlight simulate room -o build/sample_room --quality draft
     """
+    from pipeline.simulate import simulate as write_capture
+
+    write_capture(scene, out, quality=quality, progress=lambda line: _say(line, quiet))
+    print(out)
 
 
 @app.command()

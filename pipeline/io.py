@@ -302,6 +302,7 @@ def write_exr(
     spec.channelnames = list(channels)
     spec.attribute("compression", compression)
     spec.attribute("oiio:ColorSpace", "lin")
+    spec.attribute("DateTime", "")  # OpenImageIO's own would be now, and no two runs alike
     for name, text in header.items():
         spec.attribute(f"sixlight:{name}", text)
     _write_image(path, spec, pixels)
