@@ -128,11 +128,7 @@ def read_shot(
                 "list times_s under [[filter]] in capture.toml",
                 path,
             )
-        iso = (
-            iso
-            or _positive(other.iso_speed)
-            or _positive(tags.get("Exif:PhotographicSensitivity", tags.get("Exif:ISOSpeedRatings")))
-        )
+        iso = iso or _positive(other.iso_speed) or _positive(tags.get("ISOSpeedRatings"))
         f_number = (
             f_number
             or _positive(tags.get("FNumber"))
@@ -146,8 +142,7 @@ def read_shot(
             time_s=time_s,
             iso=iso or 100.0,
             f_number=f_number or 1.0,
-            focal_length_mm=_positive(other.focal_length)
-            or _positive(tags.get("Exif:FocalLength")),
+            focal_length_mm=_positive(other.focal_length) or _positive(tags.get("FocalLength")),
             pixel_pitch_um=_pixel_pitch_um(tags),
             iso_missing=iso is None,
             f_number_missing=f_number is None,
@@ -230,28 +225,29 @@ def _cfa(raw, path: Path):
 
 
 def _tags(path: Path) -> dict[str, Any]:
-    """Metadata of raw files that are TIFF inside (most are); empty for the others."""
-    import OpenImageIO as oiio
+    """EXIF metadata, a number or text a tag; empty where the file has none that is known."""
+    import logging
 
+    import exifread
+
+    logging.getLogger("exifread").setLevel(logging.CRITICAL)  # what is no EXIF is not news here
     with path.open("rb") as file:
-        if file.read(2) not in (b"II", b"MM"):
-            return {}
-    image = oiio.ImageInput.open(str(path))
-    if image is None:
-        oiio.geterror()  # takes the message off its list
-        return {}
-    tags = {p.name: p.value for p in image.spec().extra_attribs}
-    image.close()
+        read = exifread.process_file(file, details=False)
+    tags = {}
+    for name, tag in read.items():
+        values = getattr(tag, "values", None)
+        if isinstance(values, list):
+            values = values[0] if values else None
+        if name.startswith(("EXIF ", "Image ")):
+            tags[name.split(" ", 1)[1]] = values
     return tags
 
 
 def _positive(value: Any) -> float | None:
-    """A positive number, or the first of a tuple of them; None for anything else."""
-    if isinstance(value, tuple) and value:
-        value = value[0]
+    """A positive number, or None for anything else."""
     try:
         value = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, ZeroDivisionError):
         return None
     return value if math.isfinite(value) and value > 0 else None
 
@@ -267,8 +263,8 @@ def _tagged_time(tags: Mapping[str, Any], other) -> float | None:
 
 def _pixel_pitch_um(tags: Mapping[str, Any]) -> float | None:
     """From FocalPlaneXResolution and its unit (2 inch, 3 cm, 4 mm)."""
-    per_unit = _positive(tags.get("Exif:FocalPlaneXResolution"))
-    unit = {2: 25400.0, 3: 10000.0, 4: 1000.0}.get(tags.get("Exif:FocalPlaneResolutionUnit", 2))
+    per_unit = _positive(tags.get("FocalPlaneXResolution"))
+    unit = {2: 25400.0, 3: 10000.0, 4: 1000.0}.get(tags.get("FocalPlaneResolutionUnit", 2))
     if per_unit is None or unit is None:
         return None
     pitch = unit / per_unit
