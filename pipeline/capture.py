@@ -6,7 +6,7 @@ all of it, before anything is written.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -17,7 +17,6 @@ from pipeline import io
 from pipeline.tables import Table, read_toml
 
 _DEFAULT_MATERIAL = "stainless steel"  # what the paper's sphere and most gazing balls are made of
-_SIDECARS = {".toml", ".csv", ".txt", ".md", ".xmp", ".pp3", ".json", ".thm", ".ini"}
 
 
 @dataclass(frozen=True)
@@ -203,7 +202,7 @@ def _filters(root: Table, folder: Path, iso, f_number, problems) -> tuple[Filter
             named.append((name, _matching(table, folder, pattern or ""), times))
     if not tables:
         for sub in sorted(p for p in folder.iterdir() if p.is_dir() and p.name != "dark"):
-            files = _photographs(sub.iterdir())
+            files = io.photographs(sub.iterdir())
             if any(io.is_raw(p) for p in files):
                 named.append((sub.name, files, None))
         if not named and not problems:
@@ -231,7 +230,7 @@ def _filters(root: Table, folder: Path, iso, f_number, problems) -> tuple[Filter
 def _matching(table: Table, folder: Path, pattern: str) -> list[Path]:
     """Files a pattern names, inside the folder only."""
     try:
-        found = _photographs(folder.glob(pattern))
+        found = io.photographs(folder.glob(pattern))
     except (ValueError, NotImplementedError):
         found = []
     base = folder.resolve()
@@ -241,15 +240,6 @@ def _matching(table: Table, folder: Path, pattern: str) -> list[Path]:
     if not found:
         table.wrong("files", f"{pattern!r}, which matches no file", "raw files", "correct it")
     return found
-
-
-def _photographs(paths: Iterable[Path]) -> list[Path]:
-    """The files among paths that are meant as photographs: not hidden, no side-car."""
-    return sorted(
-        p
-        for p in paths
-        if p.is_file() and not p.name.startswith(".") and p.suffix.lower() not in _SIDECARS
-    )
 
 
 def _shots(files, times, iso, f_number, place, problems) -> tuple[io.Shot, ...]:

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from calibration import chart, fit, primaries
-from calibration.session import Light, Session, read_session
 from calibration.spectra import read_spectra
 from pipeline import digest, io
 from pipeline.bracket import Bracket
 from pipeline.errors import InputError, Problem, fault, storing
 from pipeline.progress import Progress
+from pipeline.session import Light, Session, read_session
 from stages.demosaic import demosaic
 from stages.merge import merge
 from stages.types import Measured

@@ -10,7 +10,7 @@ import json
 import math
 import os
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -49,6 +49,18 @@ class Shot:
     pixel_pitch_um: float | None
     iso_missing: bool = False
     f_number_missing: bool = False
+
+
+_SIDECARS = {".toml", ".csv", ".txt", ".md", ".xmp", ".pp3", ".json", ".thm", ".ini"}
+
+
+def photographs(paths: Iterable[Path]) -> list[Path]:
+    """The files among paths that are meant as photographs, sorted: not hidden, no side-car."""
+    return sorted(
+        p
+        for p in paths
+        if p.is_file() and not p.name.startswith(".") and p.suffix.lower() not in _SIDECARS
+    )
 
 
 def is_raw(path: Path) -> bool:

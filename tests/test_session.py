@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from calibration import session
 from calibration.errors import InputError
 from calibration.spectra import WAVELENGTHS, Spectra, write_spectra
+from pipeline import session
 
 NAMES = tuple(str(i) for i in range(1, 25))
 
@@ -62,17 +62,17 @@ def test_a_folder_without_lights_is_refused(tmp_path):
 
 def test_everything_wrong_is_said_at_once(folder):
     (folder / "calibration.toml").write_text(
-        'chart = "sg"\nmethod = 3\npatches = "none.csv"\nlight = 1\n'
+        'chart = "sg"\nmethod = "best"\npatches = "none.csv"\nlight = 1\n'
     )
     for shot in (folder / "A" / "cyan").iterdir():
         shot.unlink()
     (folder / "D65" / "radiance.csv").write_text("wavelength_nm,1\n400,1\n700,\n")
     said = refused(folder)
     for what in (
-        "calibration.toml: chart = 'sg' (expected colorchecker24)",
-        "method = 3 (expected pinv or ridge",
+        "calibration.toml: chart is 'sg' (expected colorchecker24)",
+        "method is 'best' (expected pinv or ridge",
         "none.csv: no such file",
-        "unknown setting 'light'",
+        "light is not known here",
         "line 3, column '1': empty",
     ):
         assert what in said

@@ -8,21 +8,19 @@ D65/...
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from calibration import chart, fit, primaries
-from calibration.errors import InputError, Problem, fault
 from calibration.spectra import Spectra, read_spectra
+from pipeline import io
+from pipeline.errors import InputError, Problem, fault
+from pipeline.tables import Table, read_toml
 
 SETTINGS_FILE = "calibration.toml"
 RADIANCE_FILE = "radiance.csv"
 CHARTS = ("colorchecker24",)
-
-_SIDECARS = {".toml", ".csv", ".txt", ".md", ".xmp", ".pp3", ".json", ".thm", ".ini"}
 
 
 @dataclass(frozen=True)
@@ -107,23 +105,16 @@ def _settings(path: Path, problems: list[Problem]) -> dict[str, str]:
     """calibration.toml as far as it is right."""
     if not path.is_file():
         return {}
-    try:
-        table: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        problems.append(Problem(f"not TOML: {error}", "key = value lines", "correct it", path))
-        return {}
+    table = Table(read_toml(path), problems, path)
     choices = {"chart": CHARTS, "method": fit.METHODS, "patches": None, "primaries": None}
     good = {}
-    for key, value in table.items():
-        if key not in choices:
-            problems.append(
-                Problem(f"unknown setting {key!r}", ", ".join(choices), "take it out", path)
-            )
-        elif not isinstance(value, str) or value not in (choices[key] or (value,)):
-            expected = " or ".join(choices[key] or ("text",))
-            problems.append(Problem(f"{key} = {value!r}", expected, "correct it", path))
-        else:
+    for key, allowed in choices.items():
+        value = table.text(key)
+        if value is not None and allowed is not None and value not in allowed:
+            table.wrong(key, repr(value), " or ".join(allowed), "correct it")
+        elif value is not None:
             good[key] = value
+    table.nothing_else()
     return good
 
 
@@ -132,7 +123,11 @@ def _folders(folder: Path) -> list[Path]:
 
 
 def _light(folder: Path, problems: list[Problem]) -> Light | None:
-    files = {sub.name: found for sub in _folders(folder) if (found := _photographs(sub))}
+    files = {
+        sub.name: found
+        for sub in _folders(folder)
+        if (found := tuple(io.photographs(sub.iterdir())))
+    }
     radiance_csv = folder / RADIANCE_FILE
     if not files and not radiance_csv.is_file():
         return None  # some other folder
@@ -157,16 +152,6 @@ def _light(folder: Path, problems: list[Problem]) -> Light | None:
         )
         return None
     return Light(folder.name, files, radiance.only(chart.PATCHES), radiance_csv)
-
-
-def _photographs(folder: Path) -> tuple[Path, ...]:
-    return tuple(
-        sorted(
-            p
-            for p in folder.iterdir()
-            if p.is_file() and not p.name.startswith(".") and p.suffix.lower() not in _SIDECARS
-        )
-    )
 
 
 def _unequal(folder: Path, lights: list[Light], filters: tuple[str, ...]) -> Iterator[Problem]:
