@@ -43,7 +43,7 @@ fit: $(STAMP)  ## M_S from chart photographs and spectra: CALIBRATION=dir [OUT=f
 preview: $(STAMP)  ## render a finished map: ENVMAP=dir
 	@$(BIN)/sixlight preview "$(or $(ENVMAP),$(error say which: make preview ENVMAP=dir))"
 
-sample: $(STAMP)  ## render the bundled capture anew, half an hour: [OUT=dir]
+sample: $(STAMP)  ## render the bundled capture anew, ten minutes: [OUT=dir]
 	@$(BIN)/sixlight simulate room -o "$(or $(OUT),build/sample_room)"
 
 check-sample: $(STAMP)  ## compare the bundled capture's result with its truth
