@@ -150,6 +150,8 @@ def load(folder: Path) -> Capture:
     shots = [shot for f in filters for shot in f.shots]
     _check_shots(filters, problems)
     notes = _notes(shots)
+    if (folder / "dark").is_dir():
+        notes.append("dark frames are not used by this version")
     focal_px = _focal_px(shots, lens["focal_length_mm"], lens["pixel_pitch_um"])
     sphere = _sphere(root.table("sphere"), focal_px, shots, problems, notes)
     yaw = root.table("orientation")

@@ -26,8 +26,7 @@ from pipeline.settings import Settings
 from stages import cube
 from stages.align import Alignment, align
 from stages.demosaic import demosaic
-from stages.fill import fill
-from stages.latlong import latlong
+from stages.export import export
 from stages.locate import locate
 from stages.merge import merge
 from stages.mirror import Sphere
@@ -190,33 +189,19 @@ def _export_given(capture: Capture, settings: Settings, index: int):
 
 
 def _export(read, write, *, header) -> Learnt:
-    """The maps for other programs: halves without holes, and the latlong image."""
     light, names = io.read_measured(read[0], cube=True)
-    filled = fill(light).reshape(-1, *light.values.shape[-2:])
-    scale = _half_float_scale(filled)
+    maps = export(light)
     header = header | {"step": "export"}
-    for path, first in zip(write[:-1], range(0, len(names), 3), strict=True):
+    for i, (path, triple) in enumerate(zip(write[:-1], maps.triples, strict=True)):
         note = {
-            "scale": f"{scale:g}",
-            "channels": " ".join(names[first : first + 3]),
+            "scale": f"{maps.scale:g}",
+            "channels": " ".join(names[3 * i : 3 * i + 3]),
             "filled": "holes are filled smoothly; cubemap.exr has only what was measured",
         }
-        triple = filled[..., first : first + 3] / scale
-        io.write_exr(path, triple, "RGB", header | note, half=True)
-    equirectangular = latlong(light, 2 * light.values.shape[1])
-    io.write_measured(write[-1], equirectangular, names, header | {"orientation": _LATLONG})
-    return {"half_float_scale": scale}
-
-
-def _half_float_scale(values) -> float:
-    """The power of two that brings the largest value into the upper range of half floats.
-
-    1 where they fit as they are; half floats end at 65504 and lose precision under 6e-5.
-    """
-    largest = float(np.abs(values).max())
-    if 1e-1 < largest < 60000:
-        return 1.0
-    return 2.0 ** (np.floor(np.log2(largest)) - 14) if largest > 0 else 1.0
+        faces = triple.reshape(-1, *triple.shape[-2:])
+        io.write_exr(path, faces, "RGB", header | note, half=True)
+    io.write_measured(write[-1], maps.latlong, names, header | {"orientation": _LATLONG})
+    return {"half_float_scale": maps.scale}
 
 
 def _preview_given(capture: Capture, settings: Settings, index: int):

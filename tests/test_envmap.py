@@ -162,3 +162,51 @@ def test_result_json_says_what_was_read_and_made(finished_once):
     np.testing.assert_allclose(ratios, true, rtol=3e-3)
     shift = result["steps"]["align"]["learnt"]["shifts"][1]
     np.testing.assert_allclose(shift, small_capture.SHIFTS["yellow"], atol=0.06)
+
+
+def test_two_runs_on_one_output_do_not_mix(sixlight, small, finished):
+    import fcntl
+
+    with (finished / "work" / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        outcome = sixlight("envmap", small, "-o", finished, *QUICK)
+    assert outcome.status == 2
+    assert "another run" in outcome.err
+
+
+def test_what_a_killed_run_left_is_cleared_away(sixlight, small, finished):
+    leftover = finished / "work" / "unfinished-abc"
+    leftover.mkdir()
+    (leftover / "half.exr").write_bytes(b"v/1\x01")
+    assert again(sixlight, small, finished) == []
+    assert not leftover.exists()
+
+
+def test_a_finished_map_is_rendered_again_by_itself(sixlight, finished_once, tmp_path):
+    options = ("-o", tmp_path, "--width", "192")
+    outcome = sixlight("preview", finished_once, *options)
+    assert outcome.status == 0, outcome.err
+    for name in ("preview_teapot.png", "preview_teapot.exr"):
+        assert (tmp_path / name).read_bytes() == (finished_once / name).read_bytes()
+    assert sixlight("preview", finished_once, *options).status == 2  # not ours to replace there
+    assert sixlight("preview", finished_once, *options, "--force").status == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "naming"),
+    [
+        (("cubemap_123.exr",), "sigma.P1"),
+        (("latlong.exr",), "six square faces"),
+        (("cubemap_bands.exr",), "primaries"),
+        (("result.json",), "not a readable image"),
+        (("nothing.exr",), "no such file"),
+        (("cubemap.exr", "--scene", "bunny"), "teapot"),
+    ],
+)
+def test_what_is_no_map_is_not_rendered(sixlight, finished_once, tmp_path, arguments, naming):
+    file, *rest = arguments
+    outcome = sixlight("preview", finished_once / file, "-o", tmp_path / "new", *rest)
+    assert outcome.status == 2
+    assert naming in outcome.err
+    assert len(outcome.err.splitlines()) == 1
+    assert not (tmp_path / "new").exists()
