@@ -10,7 +10,7 @@ OUT_OPTION = $(if $(OUT),-o "$(OUT)")
 
 # OpenGL without a screen: EGL, and Mesa's software renderer where there is no GPU.
 OPENGL := libegl1 libgl1 libgl1-mesa-dri
-OPENGL_FOUND = ldconfig -p | grep -q 'libEGL\.so\.1' && ldconfig -p | grep -q 'libEGL_.*\.so'
+OPENGL_FOUND = /sbin/ldconfig -p | grep -q 'libEGL\.so\.1' && /sbin/ldconfig -p | grep -q 'libEGL_.*\.so'
 define OPENGL_INSTALL
 if [ "$$(id -u)" = 0 ] && command -v apt-get > /dev/null; then \
 	apt-get update -qq && \

@@ -28,11 +28,11 @@ from scipy.spatial.transform import Rotation
 from calibration import primaries, sets
 from calibration.difference import delta_e_2000, lab
 from calibration.errors import InputError
+from calibration.primaries import Primaries
 from calibration.spectra import WAVELENGTHS
 from pipeline.io import read_exr
 from stages import cube
 
-CHANNELS = ("P1", "P2", "P3", "P4", "P5", "P6")
 FACE = 64  # texels along a face everything is compared at: 1.4 degrees
 SEEN_WITHIN = np.cos(np.radians(135.0))  # of +Z, the way to the camera
 LOW_PASS_DEGREES = 3.0  # full width at half maximum of the Gaussian
@@ -61,12 +61,13 @@ class Figure:
 
 @dataclass(frozen=True)
 class Compared:
-    """A result and the truth at the same size: values (6, N, N, 6), known (6, N, N) in both."""
+    """A result and the truth at the same size: values (6, N, N, P), known (6, N, N) in both."""
 
     result: np.ndarray
     truth: np.ndarray
     spectra: np.ndarray
     known: np.ndarray
+    primaries: Primaries
 
 
 def read_faces(path: Path) -> dict[str, np.ndarray]:
@@ -99,21 +100,22 @@ def at_size(values, weight, size: int):
 
 
 def read(result: Path, truth: Path) -> Compared:
+    """A result and the truth, its 36 bands projected to the primaries the result names."""
     names = tuple(f"{w:.0f}nm" for w in WAVELENGTHS)
+    header = read_exr(result / "cubemap.exr")[2]
+    light = primaries.load(header.get("primaries", primaries.DEFAULT))
 
-    def stacked(path: Path, wanted, valid=None):
+    def stacked(path: Path, wanted):
         channels = read_faces(path)
         values = np.stack([channels[name] for name in wanted], axis=-1).astype(np.float64)
         weight = channels.get("valid", np.ones(values.shape[:3])).astype(np.float64)
         return at_size(values, np.where(np.isfinite(values).all(axis=-1), weight, 0.0), FACE)
 
-    got, got_known = stacked(result / "cubemap.exr", CHANNELS)
+    got, got_known = stacked(result / "cubemap.exr", light.channels)
     spectra, _ = stacked(truth / "spectral.exr", names)
-    true_channels = read_faces(truth / "cubemap.exr")
-    values = np.stack([true_channels[name] for name in CHANNELS], axis=-1).astype(np.float64)
-    true, _ = at_size(values, np.ones(values.shape[:3]), FACE)
-    _, true_known = at_size(values, true_channels["valid"].astype(np.float64), FACE)
-    return Compared(got, true, spectra, (got_known > 0.5) & (true_known > 0.5))
+    _, true_known = stacked(truth / "cubemap.exr", ["valid"])
+    known = (got_known > 0.5) & (true_known > 0.5)
+    return Compared(got, light.project(spectra), spectra, known, light)
 
 
 def directions_right(c: Compared) -> list[Figure]:
@@ -207,7 +209,7 @@ def radiance_right(c: Compared) -> list[Figure]:
         Figure("relative error, median", 100 * float(np.median(error)), "%", high=6.0),
         Figure("relative error, 95th percentile", 100 * float(np.percentile(error, 95)), "%"),
     ]
-    for i, name in enumerate(CHANNELS):
+    for i, name in enumerate(c.primaries.channels):
         figures.append(
             Figure(f"  {name}, median", 100 * float(np.median(error[:, i])), "%", high=6.0)
         )
@@ -222,7 +224,7 @@ def white_right(c: Compared) -> list[Figure]:
     is L* 100, a* b* 0 everywhere. Printed without a bound: the same with the truth's mean over all
     directions as white, and against XYZ from the truth's 36 bands.
     """
-    light = primaries.load("darling2011")
+    light = c.primaries
     normals = cube.directions(16).reshape(-1, 3)
     d = cube.directions(FACE).reshape(-1, 3)
     solid = np.tile(cube.solid_angles(FACE).ravel(), 6)

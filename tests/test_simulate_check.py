@@ -40,7 +40,7 @@ def world(tmp_path, monkeypatch):
 
 def write(path, values, valid):
     pixels = np.concatenate([values, valid[..., None]], axis=-1).reshape(6 * N, N, -1)
-    write_exr(path, pixels, [*check_sample.CHANNELS, "valid"], {})
+    write_exr(path, pixels, [*primaries.load("darling2011").channels, "valid"], {})
 
 
 def failing(world, values):
