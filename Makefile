@@ -8,16 +8,17 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
 OUT_OPTION = $(if $(OUT),-o "$(OUT)")
 
-# OpenGL without a screen: EGL, and Mesa's software renderer where there is no GPU.
-OPENGL := libegl1 libgl1 libgl1-mesa-dri
-OPENGL_FOUND = /sbin/ldconfig -p | grep -q 'libEGL\.so\.1' && /sbin/ldconfig -p | grep -q 'libEGL_.*\.so'
-define OPENGL_INSTALL
+# OpenGL without a screen: EGL, and Mesa's software renderer where there is no GPU; and a library
+# that Mitsuba, which simulates captures, takes for granted.
+LIBRARIES := libegl1 libgl1 libgl1-mesa-dri libatomic1
+LIBRARIES_FOUND = /sbin/ldconfig -p | grep -q 'libEGL\.so\.1' && /sbin/ldconfig -p | grep -q 'libEGL_.*\.so' && /sbin/ldconfig -p | grep -q libatomic
+define LIBRARIES_INSTALL
 if [ "$$(id -u)" = 0 ] && command -v apt-get > /dev/null; then \
 	apt-get update -qq && \
-	DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $(OPENGL) > /dev/null; \
+	DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $(LIBRARIES) > /dev/null; \
 else \
 	echo "OpenGL is missing; everything but the previews works without it. To install it:"; \
-	echo "    sudo apt-get install $(OPENGL)"; \
+	echo "    sudo apt-get install $(LIBRARIES)"; \
 fi
 endef
 
@@ -31,7 +32,7 @@ setup: $(STAMP)  ## virtual environment, the package, OpenGL
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev,simulate]"
-	@$(OPENGL_FOUND) || $(OPENGL_INSTALL)
+	@$(LIBRARIES_FOUND) || $(LIBRARIES_INSTALL)
 	@touch $@
 
 envmap: $(STAMP)  ## raw brackets to six-channel cubemaps: CAPTURE=dir [OUT=dir]

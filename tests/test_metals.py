@@ -1,3 +1,5 @@
+from ctypes.util import find_library
+
 import numpy as np
 import pytest
 
@@ -33,6 +35,7 @@ def test_glass_at_brewsters_angle_reflects_one_polarisation_only():
     assert metals.fresnel(n + 0j, brewster) == pytest.approx(r_s / 2)
 
 
+@pytest.mark.skipif(find_library("atomic") is None, reason="Mitsuba needs libatomic")
 def test_mitsubas_conductor_agrees():
     mi = pytest.importorskip("mitsuba")
     dr = pytest.importorskip("drjit")

@@ -180,7 +180,6 @@ def test_paints_are_the_measured_colours_nearest_to_what_is_asked():
 
 @pytest.fixture
 def render(monkeypatch):
-    pytest.importorskip("mitsuba", reason="rooms are rendered by Mitsuba")
     from pipeline.simulate import render
 
     try:

@@ -64,14 +64,16 @@ def mitsuba():
 
     Its variants without LLVM trace one ray at a time, which would take days.
     """
+    # LLVM is found under this name from version 16 on; Mitsuba does not run with older ones.
+    named = {"LLVM": "DRJIT_LIBLLVM_PATH" in os.environ}
+    for library, package in (("atomic", "libatomic1"), ("LLVM", "libllvm19")):
+        if not (named.get(library) or ctypes.util.find_library(library)):
+            raise fault(
+                f"Mitsuba needs the library {library}, which is not found",
+                "",
+                f"install it (Debian: apt-get install {package})",
+            )
     mi = require("mitsuba")
-    # Found under this name from LLVM 16 on; Mitsuba does not run with older ones.
-    if not (os.environ.get("DRJIT_LIBLLVM_PATH") or ctypes.util.find_library("LLVM")):
-        raise fault(
-            "Mitsuba needs the library LLVM, which is not found",
-            "libLLVM 16 or newer",
-            "install it (Debian: libllvm19), or name it in DRJIT_LIBLLVM_PATH",
-        )
     mi.set_variant("llvm_ad_rgb")
     return mi
 
