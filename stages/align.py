@@ -22,6 +22,8 @@ _SMOOTH = 1.0  # px, sigma: below it lies what pixels alias and cubic interpolat
 _LOCAL = 6.0  # px, sigma of the local mean and spread
 _REACH = 16  # px, the largest shift that is looked for
 _ENOUGH = 2e5  # places compared; of larger images every second or third row and column
+_TILES = 8  # along each side: parts that are asked for a shift of their own, for the error
+_DEMOSAIC = 0.02  # px, error left in all: what demosaicing makes lies still while images shift
 _LEAST = 0.3  # correlation; textures that have nothing in common stay below
 
 
@@ -31,7 +33,7 @@ class Alignment:
 
     shifts       (F, 2) x, y in px; the first is 0
     correlation  (F,) of the texture in the best channel, after the shift
-    error_px     (F,) standard error of a shift, from how well the textures match
+    error_px     (F,) standard error of a shift, from how well the image's parts agree on it
     """
 
     shifts: Array
@@ -145,6 +147,8 @@ def _refine(first, known, other, other_known, start: Array) -> tuple[Array, floa
     inner = np.zeros(known.shape, bool)
     stride = max(1, round(np.sqrt(known.size / _ENOUGH)))
     inner[margin:-margin:stride, margin:-margin:stride] = True
+    row, column = (np.arange(n) * _TILES // n for n in known.shape)
+    tile = row[:, None] * _TILES + column
     for _ in range(10):
         moved = np.stack([_shifted(c, shift) for c in other])
         moved_known = _shifted(other_known.astype(np.float32), np.rint(shift)) > 0.999
@@ -153,7 +157,7 @@ def _refine(first, known, other, other_known, start: Array) -> tuple[Array, floa
             return shift, 0.0, np.inf
         moved_x, moved_y = np.gradient(moved, axis=2), np.gradient(moved, axis=1)
         a = first[:, use].astype(np.float64)
-        normal, right, correlations = np.zeros((2, 2)), np.zeros(2), []
+        normal, pulls, correlations = np.zeros((2, 2)), np.zeros((2, _TILES**2)), []
         for c in range(len(moved)):
             b = moved[c][use].astype(np.float64)
             weight = np.ones_like(b)
@@ -171,14 +175,18 @@ def _refine(first, known, other, other_known, start: Array) -> tuple[Array, floa
             )
             weighted = slope * (weight / scale**2)
             normal += weighted @ slope.T
-            right -= weighted @ residual
+            pulls -= [np.bincount(tile[use], w * residual, _TILES**2) for w in weighted]
             correlations.append(np.sqrt(max(0.0, 1.0 - residual @ residual / (b @ b + 1e-12))))
         if np.linalg.cond(normal) > 1e8:
             return shift, 0.0, np.inf
-        step = np.linalg.solve(normal, right)
+        step = np.linalg.solve(normal, pulls.sum(axis=1))
         shift = np.clip(shift + np.clip(step, -1.0, 1.0), -_REACH - 1, _REACH + 1)
         if np.abs(step).max() < 1e-3:
             break
-    # Residuals are smooth over some 4 pi sigma^2 px, which count as one.
-    covariance = np.linalg.inv(normal) * max(4.0 * np.pi * _SMOOTH**2 / stride**2, 1.0)
-    return shift, float(max(correlations)), float(np.sqrt(np.trace(covariance) / 2.0))
+    # How much the tiles disagree, as the sandwich of a robust regression has it: neighbouring
+    # residuals are alike, so nothing can be learnt from their number.
+    spread = pulls - pulls.mean(axis=1, keepdims=True)
+    inverse = np.linalg.inv(normal)
+    covariance = inverse @ (spread @ spread.T) @ inverse
+    error = float(np.sqrt(np.trace(covariance) / 2.0 + _DEMOSAIC**2))
+    return shift, float(max(correlations)), error

@@ -3,6 +3,7 @@
 A circle is voted for by the image's gradients at low resolution, in logarithm, so that a lamp is
 worth no more votes than a dark edge; then the one model that is right, the image of a cone of
 tangents, is fitted to the rim at that resolution and, halving the pixel each time, up to the full.
+That gives the rim to a pixel even in clutter; `rim.measure_rim` then measures it.
 
 What a rim looks like decides how it is measured. At the rim a mirror is grazed: it reflects nearly
 all light and bends it hardly at all, so just inside it shows the very thing that is seen just
@@ -29,6 +30,7 @@ from numpy.typing import NDArray
 
 from calibration.errors import fault
 from stages.mirror import Array, Sphere, rim_from_circle
+from stages.rim import measure_rim
 from stages.types import Measured
 
 _REMEDY = "give the rim as outline = [x, y, radius] in [sphere], in px of the full-size raw image"
@@ -166,7 +168,8 @@ def _search(image: Measured, sphere_at: Callable[..., Sphere]) -> Sphere:
     best = max(fits, key=_merit, default=None)
     if best is None or _merit(best) <= 0 or best.found < _FOUND:
         raise fault("no sphere found in the photograph", "one mirror sphere, all of it", _REMEDY)
-    return replace(sphere_at(*best.rim), rim_residual_px=best.residual_px, rim_found=best.found)
+    fit = measure_rim(image, best.rim, sphere_at)
+    return replace(sphere_at(*fit.rim), rim_residual_px=fit.residual_px, rim_found=fit.found)
 
 
 def _merit(fit: _RimFit) -> float:

@@ -37,8 +37,9 @@ class Sphere:
     principal_px      x, y where the optical axis meets the image
     yaw_deg           the result's content is turned right-handedly about +Y by this: at 90 what
                       was in +Z, towards the camera, is in +X
-    rim_residual_px   robust standard deviation of single places of the rim about the fitted one
-    rim_found         share of the rim that was seen, 0..1; NaN where the outline was given
+    rim_residual_px   robust standard deviation of the rim's sectors about the fitted one
+    rim_found         share of its sectors that agree with it to .3 px, 0..1: below .6 errors of a
+                      third of a pixel are to be feared; NaN where the outline was given
     nominal_focal_px  the focal length that was given, where the distance was too and so decided
     """
 

@@ -11,12 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from calibration.channels import SHARP_FROM_XYZ
 from stages.scenes import Material, Scene
-
-# Sharpened RGB from XYZ, as Ward and Eydelberg-Vileshin give it.
-SHARP_FROM_XYZ = np.array(
-    [[1.2694, -0.0988, -0.1706], [-0.8364, 1.8006, 0.0357], [0.0297, -0.0315, 1.0018]]
-)
 
 
 def sharpen(cube, scene: Scene, xyz_from_primaries, daylight):

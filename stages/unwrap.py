@@ -24,7 +24,7 @@ from stages.types import Measured
 # px: a pixel nearer than that mixes in what lies beside the sphere, demosaicing one more.
 _RIM_PX = (1.0, 3.0)
 _COUNTS = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32])  # parts along a texel's side
-_CHUNK = 1 << 19  # parts at a time: memory stays below some 100 MB
+_CHUNK = 1 << 17  # parts at a time: memory stays below some 100 MB
 # Pixels over which the noise of a demosaiced channel is one, for `unwrap`: measured on flat noise
 # through `demosaic`. A plain mean of what a Bayer mosaic samples would have 4 / .58 and 2 / .63.
 BAYER_NOISE_AREA_PX = (6.2, 2.9, 6.2)
@@ -135,6 +135,20 @@ def _parts(
             yield texels, positions, np.where(visible, solid_angle, 0.0).astype(np.float32)
 
 
+def _ramp(sphere: Sphere, x: Array, y: Array) -> Array:
+    """How far each pixel counts, 0..1: (h, w), at columns x and rows y; smooth across the rim."""
+    rim = sphere.outline()
+    middle = rim.mean(axis=0)
+    size = np.linalg.norm(rim - middle, axis=-1)
+    apart = np.hypot(x - middle[0], (y - middle[1])[:, None])
+    ramp = np.where(apart < size.min() - 2.0 * _RIM_PX[1], 1.0, 0.0)
+    row, column = np.nonzero((ramp == 0.0) & (apart < size.max() + 1.0))
+    inside = sphere.inside_px(np.stack([x[column], y[row]], axis=-1))
+    near = np.clip((inside - _RIM_PX[0]) / (_RIM_PX[1] - _RIM_PX[0]), 0.0, 1.0)
+    ramp[row, column] = near**2 * (3.0 - 2.0 * near)
+    return ramp
+
+
 class _View:
     """One filter's image about the sphere, its pixels weighted by how well they are known."""
 
@@ -145,11 +159,9 @@ class _View:
         x0, y0 = np.maximum(np.floor(rim.min(axis=0)).astype(int) - 1, 0)
         x1, y1 = np.minimum(np.ceil(rim.max(axis=0)).astype(int) + 1, (width, height))
         values, variance = image.values[y0:y1, x0:x1], image.variance[y0:y1, x0:x1]
-        x, y = np.meshgrid(np.arange(x0, x1) + 0.5, np.arange(y0, y1) + 0.5)
-        ramp = (sphere.inside_px(np.stack([x, y], axis=-1)) - _RIM_PX[0]) / np.diff(_RIM_PX)
-        ramp = np.clip(ramp, 0.0, 1.0)
+        ramp = _ramp(sphere, np.arange(x0, x1) + 0.5, np.arange(y0, y1) + 0.5)
         finite = np.asarray(np.isfinite(values) & np.isfinite(variance)).all(axis=-1)
-        weight = np.where(finite, image.valid[y0:y1, x0:x1] * ramp**2 * (3.0 - 2.0 * ramp), 0.0)
+        weight = np.where(finite, image.valid[y0:y1, x0:x1] * ramp, 0.0)
         self._origin = np.array([x0, y0])
         self._size = weight.shape
         self._weight = weight.astype(np.float32).ravel()
@@ -168,10 +180,11 @@ class _View:
         from scipy.sparse import csr_array
 
         height, width = self._size
-        xy = positions - self._origin - 0.5
-        corner = np.clip(np.floor(xy), 0, (width - 2, height - 2))
-        fraction = np.clip(xy - corner, 0.0, 1.0).astype(np.float32)
-        first = (corner[..., 1] * width + corner[..., 0]).astype(np.int32)
+        xy = (positions - (self._origin + 0.5)).astype(np.float32)
+        corner = np.clip(np.floor(xy), 0, np.array((width - 2, height - 2), np.float32))
+        fraction = np.clip(xy - corner, 0.0, 1.0)
+        column, row = np.moveaxis(corner.astype(np.int32), -1, 0)
+        first = row * np.int32(width) + column
         fx, fy = fraction[..., 0], fraction[..., 1]
         taps = np.stack([first, first + 1, first + width, first + width + 1], axis=-1)
         share = np.stack([(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy], axis=-1)
