@@ -52,7 +52,7 @@ check-sample: $(STAMP)  ## compare the bundled capture's result with its truth
 	@$(BIN)/python benchmarks/check_sample.py
 
 test: $(STAMP)  ## the tests
-	@$(BIN)/python -m pytest
+	@$(BIN)/python -m pytest -n auto --dist loadfile
 
 lint: $(STAMP)  ## ruff and mypy
 	@$(BIN)/ruff check .
