@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration import primaries as primary_sets
 from calibration import sets
 from calibration.adaptation import D65, cat02
 from calibration.display import auto_exposure, srgb
 from calibration.primaries import Primaries
+from pipeline import header as headers
 from pipeline import io
 from pipeline.errors import fault, storing
 from stages import scenes, shadows
@@ -85,7 +85,7 @@ def preview(
     file = envmap / "cubemap.exr" if envmap.is_dir() else envmap
     light, names = io.read_measured(file, cube=True)
     header = io.read_exr(file)[2]
-    primaries = _primaries(file, names, header)
+    primaries = headers.primaries_of(file, names, header)
     out = out or file.parent
     pictures = [out / f"preview_{scene}.{suffix}" for suffix in ("png", "exr")]
     for path in pictures:
@@ -108,22 +108,3 @@ def write(paths: list[Path], rgb, xyz, header) -> None:
     io.write_png(picture, rgb, "left: six channels; right: three channels, sharpened RGB")
     about = {**header, "step": "preview", "channels": "X Y Z of the six-channel half"}
     io.write_exr(values, xyz, "XYZ", about)
-
-
-def _primaries(file: Path, names, header) -> Primaries:
-    """The set the map's header names, checked by its matrix."""
-    name = header.get("primaries", "")
-    if name in primary_sets.NAMES:
-        primaries = primary_sets.load(name)
-        matrix = np.array(header.get("xyz_from_primaries", "").split(), float)
-        same = matrix.size == primaries.xyz_from_primaries.size and np.allclose(
-            matrix, primaries.xyz_from_primaries.ravel(), rtol=1e-6
-        )
-        if same and names == primaries.channels:
-            return primaries
-    raise fault(
-        f"a map in the primaries {name!r} with {len(names)} channels",
-        f"one of {', '.join(primary_sets.NAMES)}",
-        "give a cubemap.exr that this version of `sixlight envmap` wrote",
-        file,
-    )

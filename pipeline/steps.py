@@ -19,6 +19,7 @@ import numpy as np
 
 from calibration import metals
 from pipeline import digest, io, previews
+from pipeline import header as headers
 from pipeline.bracket import Bracket, exposure
 from pipeline.capture import Capture
 from pipeline.errors import InputError
@@ -242,18 +243,8 @@ def _light_header(capture: Capture) -> dict[str, str]:
     t, p = capture.transform, capture.primaries
     assert t is not None
     assert p is not None
-
-    def numbers(values) -> str:
-        return " ".join(f"{v:.9g}" for v in np.ravel(values))
-
-    return {
-        "version": version("sixlight"),
+    return headers.of_primaries(p, unit=t.units, quantity="light") | {
         "name": capture.name,
-        "unit": t.units,
-        "primaries": p.name,
-        "peaks_nm": numbers(p.peaks_nm),
-        "widths_nm": numbers(p.widths_nm),
-        "xyz_from_primaries": numbers(p.xyz_from_primaries),
         "calibration": digest.of_values([t.channels, t.matrix.tolist(), t.primaries_digest]),
         "orientation": _ORIENTATION,
         "yaw_deg": f"{capture.yaw_deg:g}",
