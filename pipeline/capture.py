@@ -146,10 +146,10 @@ def load(folder: Path) -> Capture:
         "focal_length_mm": camera.number("focal_length_mm", "mm", low=1, high=1e5),
         "pixel_pitch_um": camera.number("pixel_pitch_um", "um", low=0.1, high=1000),
     }
-    filters = _filters(root, folder, lens["iso"], lens["f_number"], problems)
+    filters = filters_of(root, folder, lens["iso"], lens["f_number"], problems)
     shots = [shot for f in filters for shot in f.shots]
-    _check_shots(filters, problems)
-    notes = _notes(shots)
+    check_shots(filters, problems)
+    notes = notes_of(shots)
     if (folder / "dark").is_dir():
         notes.append("dark frames are not used by this version")
     focal_px = _focal_px(shots, lens["focal_length_mm"], lens["pixel_pitch_um"])
@@ -185,7 +185,7 @@ def _collect(problems: list[Problem], check: Callable[[], object]) -> None:
         problems.extend(error.problems)
 
 
-def _filters(root: Table, folder: Path, iso, f_number, problems) -> tuple[Filter, ...]:
+def filters_of(root: Table, folder: Path, iso, f_number, problems) -> tuple[Filter, ...]:
     """The filters' photographs: as [[filter]] says, or the sub-folders that hold raw files."""
     named: list[tuple[str, list[Path], tuple[float, ...] | None]] = []
     tables = root.tables("filter")
@@ -260,7 +260,7 @@ def _shots(files, times, iso, f_number, place, problems) -> tuple[io.Shot, ...]:
     return tuple(shots)
 
 
-def _check_shots(filters: tuple[Filter, ...], problems: list[Problem]) -> None:
+def check_shots(filters: tuple[Filter, ...], problems: list[Problem]) -> None:
     """One camera, one size, one CFA; as many exposures through each filter."""
     counts = {f.name: len(f.shots) for f in filters}
     if len(set(counts.values())) > 1 and not problems:
@@ -296,7 +296,7 @@ def _said(value) -> str:
     return " x ".join(map(str, value[::-1])) if isinstance(value, tuple) else repr(value)
 
 
-def _notes(shots) -> list[str]:
+def notes_of(shots) -> list[str]:
     """What was taken for granted, for the user to see."""
     notes = []
     if any(shot.iso_missing for shot in shots):

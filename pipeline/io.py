@@ -1,4 +1,4 @@
-"""The only file that opens photographs and images.
+"""The only file that opens photographs and images, but for spectral ones (`spectral_exr`).
 
 Raw files are read through LibRaw (rawpy), everything else through OpenImageIO. What is written
 goes to exactly the path given; moving it into place is the runner's business.
@@ -313,10 +313,10 @@ def write_exr(
     spec.attribute("DateTime", "")  # OpenImageIO's own would be now, and no two runs alike
     for name, text in header.items():
         spec.attribute(f"sixlight:{name}", text)
-    _write_image(path, spec, pixels)
+    write_image(path, spec, pixels)
 
 
-def _write_image(path: Path, spec, pixels) -> None:
+def write_image(path: Path, spec, pixels) -> None:
     """Writes an image; a place that cannot take it is reported in the system's own words."""
     import OpenImageIO as oiio
 
@@ -418,7 +418,7 @@ def write_png(path: Path, rgb, description: str = "") -> None:
     spec.attribute("oiio:ColorSpace", "sRGB")
     if description:
         spec.attribute("ImageDescription", description)
-    _write_image(path, spec, pixels)
+    write_image(path, spec, pixels)
 
 
 def write_radiance(path: Path, radiance: Radiance) -> None:

@@ -20,11 +20,11 @@ from stages.types import Measured
 
 _SMOOTH = 1.0  # px, sigma: below it lies what pixels alias and cubic interpolation gets wrong
 _LOCAL = 6.0  # px, sigma of the local mean and spread
-_REACH = 16  # px, the largest shift that is looked for
+REACH_PX = 16  # px, the largest shift that is looked for
 _ENOUGH = 2e5  # places compared; of larger images every second or third row and column
 _TILES = 8  # along each side: parts that are asked for a shift of their own, for the error
 _DEMOSAIC = 0.02  # px, error left in all: what demosaicing makes lies still while images shift
-_LEAST = 0.3  # correlation; textures that have nothing in common stay below
+LEAST_CORRELATION = 0.3  # correlation; textures that have nothing in common stay below
 
 
 @dataclass(frozen=True)
@@ -52,16 +52,18 @@ def align(images: Sequence[Measured], sphere: Sphere) -> Alignment:
     shifts, error = np.zeros((count, 2)), np.zeros(count)
     correlation = np.ones(count)
     if count > 1:
-        first, known = _texture(_about(images[0], sphere))
+        first, known = texture(_about(images[0], sphere))
         for k in range(1, count):
-            other, other_known = _texture(_about(images[k], sphere))
-            start = _coarse(first, other)
-            shifts[k], correlation[k], error[k] = _refine(first, known, other, other_known, start)
-            if not correlation[k] > _LEAST:
+            other, other_known = texture(_about(images[k], sphere))
+            start = coarse_shift(first, other)
+            shifts[k], correlation[k], error[k] = refined_shift(
+                first, known, other, other_known, start
+            )
+            if not correlation[k] > LEAST_CORRELATION:
                 raise fault(
                     f"filter {k + 1}'s photograph does not match the first filter's "
                     f"(correlation {correlation[k]:.2f})",
-                    f"the same view, shifted by at most {_REACH} px",
+                    f"the same view, shifted by at most {REACH_PX} px",
                     "check that camera and sphere stood still between the filters",
                 )
     return Alignment(shifts, correlation, error)
@@ -69,7 +71,7 @@ def align(images: Sequence[Measured], sphere: Sphere) -> Alignment:
 
 def _about(image: Measured, sphere: Sphere) -> Measured:
     """The part of the image that holds the sphere and a fifth of its radius around it."""
-    rim, margin = sphere.outline(), 0.2 * sphere.rim_px + _REACH
+    rim, margin = sphere.outline(), 0.2 * sphere.rim_px + REACH_PX
     height, width = image.valid.shape
     x0, y0 = np.maximum(np.floor(rim.min(axis=0) - margin).astype(int), 0)
     x1, y1 = np.minimum(np.ceil(rim.max(axis=0) + margin).astype(int), (width, height))
@@ -77,7 +79,7 @@ def _about(image: Measured, sphere: Sphere) -> Measured:
     return Measured(image.values[part], image.variance[part], image.valid[part])
 
 
-def _texture(image: Measured) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+def texture(image: Measured) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Locally normalised logarithm (C, h, w) of the image, and where it is known (h, w)."""
     import cv2
 
@@ -101,7 +103,7 @@ def _texture(image: Measured) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     return np.stack(textures), known
 
 
-def _coarse(first: NDArray[np.float32], other: NDArray[np.float32]) -> Array:
+def coarse_shift(first: NDArray[np.float32], other: NDArray[np.float32]) -> Array:
     """The whole-pixel shift (x, y) of greatest cross-correlation, within the reach."""
     from scipy.fft import irfft2, rfft2
 
@@ -110,7 +112,7 @@ def _coarse(first: NDArray[np.float32], other: NDArray[np.float32]) -> Array:
     spectrum = np.conj(rfft2(first * window)) * rfft2(other * window)
     score = irfft2(spectrum, s=(h, w)).sum(axis=0)
     dy, dx = (np.fft.fftfreq(n, 1.0 / n) for n in (h, w))
-    score = np.where((np.abs(dy)[:, None] <= _REACH) & (np.abs(dx) <= _REACH), score, -np.inf)
+    score = np.where((np.abs(dy)[:, None] <= REACH_PX) & (np.abs(dx) <= REACH_PX), score, -np.inf)
     row, column = np.unravel_index(np.argmax(score), score.shape)
     return np.array([dx[column], dy[row]])
 
@@ -122,7 +124,7 @@ def _shifted(image: NDArray[np.float32], shift: Array) -> NDArray[np.float32]:
     """
     import cv2
 
-    taps = np.arange(-_REACH - 4, _REACH + 5)
+    taps = np.arange(-REACH_PX - 4, REACH_PX + 5)
 
     def kernel(s):
         x = taps - s
@@ -134,7 +136,7 @@ def _shifted(image: NDArray[np.float32], shift: Array) -> NDArray[np.float32]:
     return np.asarray(moved, np.float32)
 
 
-def _refine(first, known, other, other_known, start: Array) -> tuple[Array, float, float]:
+def refined_shift(first, known, other, other_known, start: Array) -> tuple[Array, float, float]:
     """Gauss-Newton for the shift; also the best channel's correlation and the standard error.
 
     Both images' slopes are averaged (second order in the shift), and places that do not match, as
@@ -142,7 +144,7 @@ def _refine(first, known, other, other_known, start: Array) -> tuple[Array, floa
     """
     shift = start.astype(np.float64)
     slope_x, slope_y = np.gradient(first, axis=2), np.gradient(first, axis=1)
-    margin = _REACH + 4
+    margin = REACH_PX + 4
     eye = np.eye(len(first))
     inner = np.zeros(known.shape, bool)
     stride = max(1, round(np.sqrt(known.size / _ENOUGH)))
@@ -180,7 +182,7 @@ def _refine(first, known, other, other_known, start: Array) -> tuple[Array, floa
         if np.linalg.cond(normal) > 1e8:
             return shift, 0.0, np.inf
         step = np.linalg.solve(normal, pulls.sum(axis=1))
-        shift = np.clip(shift + np.clip(step, -1.0, 1.0), -_REACH - 1, _REACH + 1)
+        shift = np.clip(shift + np.clip(step, -1.0, 1.0), -REACH_PX - 1, REACH_PX + 1)
         if np.abs(step).max() < 1e-3:
             break
     # How much the tiles disagree, as the sandwich of a robust regression has it: neighbouring

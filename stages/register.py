@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import fault
-from stages.align import _LEAST, _REACH, _coarse, _refine, _texture
+from stages.align import LEAST_CORRELATION, REACH_PX, coarse_shift, refined_shift, texture
 from stages.types import Float, Measured
 
 _WINDOW = 1600  # px: the shift is the whole image's, so its busiest part is enough to find it
@@ -53,13 +53,15 @@ def register(images: Sequence[Measured]) -> Registered:
         part = _busiest(first)
         pair = [_cut(image, part) for image in (first, images[k])]
         if all(_textured(image) for image in pair):
-            (a, a_known), (b, b_known) = map(_texture, pair)
-            shifts[k], correlation[k], error[k] = _refine(a, a_known, b, b_known, _coarse(a, b))
-            if not correlation[k] > _LEAST:
+            (a, a_known), (b, b_known) = map(texture, pair)
+            shifts[k], correlation[k], error[k] = refined_shift(
+                a, a_known, b, b_known, coarse_shift(a, b)
+            )
+            if not correlation[k] > LEAST_CORRELATION:
                 raise fault(
                     f"filter {k + 1}'s photograph does not match the first filter's "
                     f"(correlation {correlation[k]:.2f})",
-                    f"the same view, shifted by at most {_REACH} px",
+                    f"the same view, shifted by at most {REACH_PX} px",
                     "check that camera and surface stood still between the filters",
                 )
         else:
@@ -88,19 +90,20 @@ def shifted(image: Measured, shift) -> Measured:
     across, down = (_cubic(s) for s in np.asarray(shift) - whole)
     count_across, count_down = (np.asarray(k != 0, np.float32) for k in (across, down))
 
-    def weighted(layers, row, column):
-        """Layers (H, W, C) under separable weights."""
-        layers = _whole(layers, whole)
-        done = [
-            cv2.sepFilter2D(layers[..., c], cv2.CV_32F, row, column, borderType=cv2.BORDER_CONSTANT)
-            for c in range(layers.shape[-1])
-        ]
-        return np.stack(done, axis=-1)
+    def weighted(layer, row, column):
+        return cv2.sepFilter2D(
+            _whole(layer, whole), cv2.CV_32F, row, column, borderType=cv2.BORDER_CONSTANT
+        )
 
-    known = ((image.valid > 0) & np.isfinite(image.values).all(axis=-1))[..., None]
-    values = weighted(np.where(known, image.values, np.float32(0)), across, down)
-    variance = weighted(np.where(known, image.variance, np.float32(0)), across**2, down**2)
-    around = weighted(known.astype(np.float32), count_across, count_down)[..., 0]
+    known = (image.valid > 0) & np.isfinite(image.values).all(axis=-1)
+    values, variance = np.empty_like(image.values), np.empty_like(image.values)
+    for c in range(values.shape[-1]):
+        value, spread = (
+            np.where(known, a[..., c], np.float32(0)) for a in (image.values, image.variance)
+        )
+        values[..., c] = weighted(value, across, down)
+        variance[..., c] = weighted(spread, across**2, down**2)
+    around = weighted(known.astype(np.float32), count_across, count_down)
     valid = around > count_across.sum() * count_down.sum() - 0.5
     values[~valid] = variance[~valid] = np.nan
     return Measured(values, variance, valid.astype(np.float32))
