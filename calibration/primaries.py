@@ -17,7 +17,15 @@ from calibration.errors import InputError, Problem, fault
 from calibration.spectra import STEP_NM, WAVELENGTHS, Spectra, read_spectra, to_csv
 
 DEFAULT = "darling2011"
-NAMES = ("darling2011",)
+NAMES = (
+    "darling2011",
+    "gaussian6",
+    "signed5",
+    "signed6",
+    "signed7",
+    "signed8",
+    "nonnegative6",
+)
 
 CURVES_FILE = "curves.csv"
 MATRIX_FILE = "xyz_from_primaries.csv"

@@ -34,6 +34,15 @@ LIGHTS = {
     "lamps": "lamps for general lighting, of NIST's CQS data set (Davis and Ohno)",
     "planckian": "black bodies from 1800 to 20000 K in even steps of mired",
     "daylight": "CIE daylight from 4000 to 20000 K in even steps of mired",
+    "leds8": "eight LED lamps that the shipped primaries are not trained on: B3, B5, BH1, RGB1 and "
+    "V2 of CIE 15:2018; Luxeon WW 2880, PHOS-2 and 3-LED-1 of NIST's CQS data set",
+    "places5": "stand-ins for the five places of Darling et al. (2011), which are not public: "
+    "overcast sky (ID65), desk lamp (neodymium bulb), horizon booth (black body of 2240 K), office "
+    "(T8 Luxline Plus White), classroom (FL3.13); each through a smooth filter exp(a x + b x^2), "
+    "x in wavelength, that gives it the place's chromaticity; not trained on either",
+    "training": "what the shipped primaries are trained on: darling2011, cie-led, cie-hp, cie-fl3, "
+    "lamps and computed lights (tinted black bodies, three-part LEDs, mixtures), none within .99 "
+    "cosine of leds8, of places5 or of the lamps these are made from",
     "room": "what lights rooms: black bodies from 2000 to 3400 K, daylight from 4000 to 20000 K, "
     "F1-F12, F40/C50, and the phosphor LEDs B1-B5 of CIE 15:2018",
 }
@@ -44,6 +53,24 @@ SURFACES = {
     "white": "a perfect reflector",
 }
 CAMERAS = {"nikon5100": "Nikon D5100, R G B, measured by NPL (Darrodi et al. 2015)"}
+
+# The places of the paper's section "Simulation Results": their chromaticities as printed there, and
+# the light of colour-science that is filtered to them. Where there is a choice it is a light unlike
+# all others (the incandescent and daylight places cannot be), so that leaving it out costs least.
+_PLACES = {
+    "cloudy outdoors": ("ID65", (0.317, 0.329)),
+    "desk lamp": ("Neodimium Incandescent", (0.456, 0.404)),
+    "horizon booth": ("2240 K", (0.500, 0.417)),
+    "office": ("T8 Luxline Plus White", (0.405, 0.404)),
+    "classroom": ("FL3.13", (0.393, 0.391)),
+}
+_LEFT_OUT_LEDS = (
+    "LED-B3", "LED-B5", "LED-BH1", "LED-RGB1", "LED-V2",
+    "3-LED-1 (457/540/605)", "Luxeon WW 2880", "PHOS-2",
+)  # fmt: skip
+# Spectra with a larger cosine than this are one lamp measured twice, or as good as.
+_ALIKE = 0.99
+_TRAINING_SEED = 2011
 
 # Lamps of one line or a narrow band, or for a projector: nobody lights a room with these.
 _NOT_FOR_ROOMS = ("LPS", "SA", "SC", "Kinoton 75P")
@@ -184,6 +211,129 @@ def _lamps() -> Spectra:
 
 
 @functools.cache
+def _leds8() -> Spectra:
+    return join([_starting("LED-"), _lamps()]).only(_LEFT_OUT_LEDS)
+
+
+@functools.cache
+def _places() -> tuple[Spectra, Spectra]:
+    """The stand-ins for the five places, and the lights they are made from."""
+    colour = _colour()
+    known = join(
+        [
+            _of(colour.SDS_ILLUMINANTS, ["ID65", "FL3.13"]),
+            _lamps(),
+            _black_bodies(np.array([2240.0])),
+        ]
+    )
+    lamps = known.only(lamp for lamp, _ in _PLACES.values())
+    filtered = [
+        _filtered_to(spectrum, np.array(xy))
+        for spectrum, (_, xy) in zip(lamps.values.T, _PLACES.values(), strict=True)
+    ]
+    return Spectra(WAVELENGTHS, tuple(_PLACES), np.stack(filtered, axis=1)), lamps
+
+
+def _filtered_to(spectrum, xy) -> NDArray[np.float64]:
+    """A light (36,) through the smooth filter exp(a x + b x^2) that gives it a chromaticity."""
+    powers = _smooth_powers()
+    exponents = np.zeros(2)
+    for _ in range(50):  # Newton's steps: the filter's slopes are the powers themselves
+        light = spectrum * np.exp(powers @ exponents)
+        found = xyz(light)
+        slopes = (light[:, None] * powers).T @ observer()  # (2, 3)
+        total = found.sum()
+        miss = found[:2] / total - xy
+        if np.abs(miss).max() < 1e-12:
+            break
+        jacobian = (slopes[:, :2] - (found[:2] / total) * slopes.sum(axis=1)[:, None]) / total
+        exponents -= np.linalg.solve(jacobian.T, miss)
+    return light
+
+
+def _smooth_powers() -> NDArray[np.float64]:
+    """x and x^2 (36, 2), x from -1 to 1 over the range of wavelengths."""
+    middle = (WAVELENGTHS[0] + WAVELENGTHS[-1]) / 2.0
+    x = (WAVELENGTHS - middle) / (WAVELENGTHS[-1] - middle)
+    return np.stack([x, x**2], axis=1)
+
+
+@functools.cache
+def _training() -> Spectra:
+    measured = join(
+        [_darling2011(), _starting("LED-"), _starting("HP"), _starting("FL3."), _lamps()]
+    )
+    measured = measured.only(dict.fromkeys(measured.names))  # F40/C50 is in two of them
+    measured = _unlike_tests(measured)
+    rng = np.random.default_rng(_TRAINING_SEED)
+    computed = join([_tinted_black_bodies(rng, 40), _three_part_leds(rng, 30)])
+    mixed = _mixtures(rng, computed, 20)
+    return join([measured, _unlike_tests(computed), _unlike_tests(mixed)])
+
+
+def _unlike_tests(spectra: Spectra) -> Spectra:
+    """Those that are not within _ALIKE cosine of any light kept for tests."""
+    places, lamps = _places()
+    tests = np.concatenate([_leds8().values, places.values, lamps.values], axis=1)
+    cosines = _unit(spectra.values).T @ _unit(tests)
+    return spectra.only(
+        name for name, row in zip(spectra.names, cosines, strict=True) if row.max() <= _ALIKE
+    )
+
+
+def _unit(columns) -> NDArray[np.float64]:
+    return columns / np.linalg.norm(columns, axis=0)
+
+
+def _tinted_black_bodies(rng, count: int) -> Spectra:
+    """Black bodies and what smooth filters and walls make of them."""
+    kelvin = 1e6 / rng.uniform(1e6 / 15000, 1e6 / 1900, count)
+    tint = np.exp(_smooth_powers() @ rng.normal(0.0, 0.3, (2, count)))
+    names = tuple(f"tinted {k:.0f} K, {i}" for i, k in enumerate(kelvin))
+    return Spectra(WAVELENGTHS, names, planck(WAVELENGTHS[:, None], kelvin) * tint)
+
+
+def _three_part_leds(rng, count: int) -> Spectra:
+    """White lights of a blue, a green and a red part, each a Gaussian in wavelength.
+
+    The blue part is a diode, the others diodes or phosphors; their amounts make a black body's
+    chromaticity, a little off.
+    """
+    columns: list[NDArray[np.float64]] = []
+    while len(columns) < count:
+        diode = rng.random(2) < 0.4
+        peaks = np.array([rng.uniform(435, 475), rng.uniform(515, 570), rng.uniform(595, 655)])
+        sigmas = np.array(
+            [
+                rng.uniform(7, 13),
+                rng.uniform(11, 18) if diode[0] else rng.uniform(25, 55),
+                rng.uniform(6, 12) if diode[1] else rng.uniform(25, 55),
+            ]
+        )
+        parts = np.exp(-0.5 * ((WAVELENGTHS[:, None] - peaks) / sigmas) ** 2)
+        white = xyz(planck(WAVELENGTHS, 1e6 / rng.uniform(1e6 / 9000, 1e6 / 2300)))
+        white = white / white.sum()
+        xy = white[:2] + rng.normal(0.0, 0.006, 2)
+        amounts = np.linalg.solve(xyz(parts.T).T, np.append(xy, 1.0 - xy.sum()))
+        if amounts.min() > 0.0:
+            columns.append(parts @ amounts)
+    names = tuple(f"three-part LED {i}" for i in range(count))
+    return Spectra(WAVELENGTHS, names, np.stack(columns, axis=1))
+
+
+def _mixtures(rng, of: Spectra, count: int) -> Spectra:
+    """Pairs of lights, as where a window and a lamp meet."""
+    values = scaled_to_unit_luminance(of.values)
+    first, second = rng.integers(len(of), size=(2, count))
+    share = rng.uniform(0.15, 0.85, count)
+    names = tuple(
+        f"{s:.2f} {of.names[i]} + {1 - s:.2f} {of.names[j]}"
+        for s, i, j in zip(share, first, second, strict=True)
+    )
+    return Spectra(WAVELENGTHS, names, share * values[:, first] + (1.0 - share) * values[:, second])
+
+
+@functools.cache
 def _room() -> Spectra:
     paper = _darling2011()
     return join(
@@ -241,6 +391,9 @@ _LIGHTS: dict[str, Callable[[], Spectra]] = {
     "lamps": _lamps,
     "planckian": _planckian,
     "daylight": _daylight,
+    "leds8": _leds8,
+    "places5": lambda: _places()[0],
+    "training": _training,
     "room": _room,
 }
 _SURFACES: dict[str, Callable[[], Spectra]] = {

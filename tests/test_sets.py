@@ -82,3 +82,44 @@ def test_an_unknown_name_lists_the_known_ones(of):
 def test_no_one_can_change_the_observer_for_others():
     with pytest.raises(ValueError, match="read-only"):
         sets.observer()[0, 0] = 1.0
+
+
+# As printed in Darling et al. (2011).
+@pytest.mark.parametrize(
+    ("place", "xy"),
+    [
+        ("cloudy outdoors", (0.317, 0.329)),
+        ("desk lamp", (0.456, 0.404)),
+        ("horizon booth", (0.500, 0.417)),
+        ("office", (0.405, 0.404)),
+        ("classroom", (0.393, 0.391)),
+    ],
+)
+def test_the_places_have_the_chromaticities_measured_there(place, xy):
+    np.testing.assert_allclose(chromaticity(sets.lights("places5")[place]), xy, atol=1e-9)
+
+
+def test_no_light_trained_on_is_nearly_one_to_be_tested_on():
+    trained = sets.lights("training").values
+    tests = sets.lights("leds8+places5").values
+    lamps = sets.lights("lamps").only(["Neodimium Incandescent", "T8 Luxline Plus White"]).values
+    tests = np.concatenate([tests, lamps, sets.lights("cie-fl3")["FL3.13"][:, None]], axis=1)
+    cosines = (trained.T @ tests) / np.outer(
+        np.linalg.norm(trained, axis=0), np.linalg.norm(tests, axis=0)
+    )
+    assert cosines.max() <= 0.99
+
+
+def test_the_lights_trained_on_are_the_same_every_time():
+    first = sets._training().values
+    sets._training.cache_clear()
+    np.testing.assert_array_equal(sets._training().values, first)
+
+
+def test_three_part_leds_are_about_white():
+    leds = [n for n in sets.lights("training").names if n.startswith("three-part")]
+    assert len(leds) >= 20
+    for name in leds:
+        x, y = chromaticity(sets.lights("training")[name])
+        assert 0.25 < x < 0.52
+        assert 0.25 < y < 0.45
