@@ -15,10 +15,24 @@ COLUMNS, ROWS = 6, 4
 PATCHES = tuple(str(i) for i in range(1, COLUMNS * ROWS + 1))
 """The patches' names, row by row from the brown corner."""
 
+_SG_COLUMNS = "ABCDEFGHIJKLMN"
+
+CHARTS = {
+    "colorchecker24": PATCHES,
+    "colorchecker-sg": tuple(f"{column}{row}" for row in range(1, 11) for column in _SG_COLUMNS),
+}
+"""The patches of each chart, row by row; the SG's columns have letters and its rows numbers. Only
+the 24 patches are found in photographs; the SG's places are given."""
+
 BOXES_HEADER = ("patch", "x0", "y0", "x1", "y1")
 
 CLIPPED_SHARE = 0.02  # of a patch's pixels; more than stray bad ones
 _FEWEST_PIXELS = 16
+
+# A patch is uneven when it varies by this much more than its noise: part of another patch, a
+# finger, a reflection. Texture and dust stay below, so does the light's own fall over a patch.
+_UNEVEN = 0.06  # of its mean ...
+_UNEVEN_DARK = 0.004  # ... and of the brightest patch's, so that flare over black is forgiven
 
 # Of a found patch only the middle is read: its edges are blurred by lens and demosaicing.
 _MIDDLE = 0.5
@@ -49,23 +63,37 @@ class Patches:
 class PatchSignals:
     """What an image holds within each patch.
 
-    mean      (n, C); NaN where clipped
+    mean      (n, C); NaN where clipped or uneven
     variance  (n, C) of one pixel about the patch's mean; NaN where clipped
+    noise     (n, C) of one pixel, as the image itself states it; NaN where clipped or not stated
     clipped   (n, C) bool, more than CLIPPED_SHARE of its pixels are not known
+    uneven    (n, C) bool, it varies far more than its noise does
     pixels    (n,) number of pixels in the patch
     """
 
     mean: NDArray[np.float64]
     variance: NDArray[np.float64]
+    noise: NDArray[np.float64]
     clipped: NDArray[np.bool_]
+    uneven: NDArray[np.bool_]
     pixels: NDArray[np.int_]
 
+    @property
+    def mean_variance(self) -> NDArray[np.float64]:
+        """Variance (n, C) of the means: of spread and stated noise whichever is more.
 
-def patch_signals(values, valid, patches: Patches) -> PatchSignals:
+        Demosaicing makes about four neighbours one, so a patch has a quarter as many pixels.
+        """
+        variance: NDArray[np.float64] = np.fmax(self.variance, self.noise)
+        return variance / np.maximum(self.pixels / 4.0, 1.0)[:, None]
+
+
+def patch_signals(values, valid, patches: Patches, variance=None) -> PatchSignals:
     """Mean and variance of an image within each patch.
 
-    values   (H, W, C) linear signal; NaN where not known
-    valid    (H, W) 0 not known .. 1 known; a pixel counts from .5
+    values    (H, W, C) linear signal; NaN where not known
+    valid     (H, W) 0 not known .. 1 known; a pixel counts from .5
+    variance  (H, W, C) of the values as the merge states it; None: the spread is all there is
     raises   InputError if a patch leaves the image or is too small
     """
     height, width, channels = values.shape
@@ -84,7 +112,7 @@ def patch_signals(values, valid, patches: Patches) -> PatchSignals:
         rows.append((slice(int(y0), int(y1)), slice(int(x0), int(x1))))
     if problems:
         raise InputError(problems)
-    mean, variance = np.full((2, len(rows), channels), np.nan)
+    mean, spread, noise = np.full((3, len(rows), channels), np.nan)
     clipped, pixels = np.zeros((len(rows), channels), bool), np.zeros(len(rows), int)
     for i, (window, quad) in enumerate(zip(rows, patches.corners, strict=True)):
         inside = _inside(quad, window)
@@ -100,8 +128,60 @@ def patch_signals(values, valid, patches: Patches) -> PatchSignals:
         clipped[i] = known.mean(axis=0) < 1.0 - CLIPPED_SHARE
         for c in np.flatnonzero(~clipped[i]):
             mean[i, c] = samples[known[:, c], c].mean()
-            variance[i, c] = samples[known[:, c], c].var(ddof=1)
-    return PatchSignals(mean, variance, clipped, pixels)
+            spread[i, c] = samples[known[:, c], c].var(ddof=1)
+            if variance is not None:
+                noise[i, c] = np.mean(variance[window][inside][known[:, c], c], dtype=np.float64)
+    uneven = _uneven(mean, spread, noise)
+    return PatchSignals(np.where(uneven, np.nan, mean), spread, noise, clipped, uneven, pixels)
+
+
+def _uneven(mean, spread, noise) -> NDArray[np.bool_]:
+    """Which patches (n, C) vary far more than their noise; none where the noise is not stated."""
+    allowed = _UNEVEN * mean + _UNEVEN_DARK * np.nanmax(mean, axis=0, initial=0.0)
+    # Three times the noise: a stated noise may be a third too low, and small patches scatter.
+    return np.sqrt(np.maximum(spread - 9.0 * noise, 0.0)) > allowed
+
+
+def shading(values, valid, patches: Patches) -> NDArray[np.float64]:
+    """How strongly the light falls on each patch (n,), from a photograph of white in its place.
+
+    values   (H, W, C) linear signal of an even white; NaN where not known
+    returns  relative to the mean of the patches
+    raises   InputError if the white clips, or a patch leaves the image
+    """
+    white = patch_signals(values, valid, patches)
+    if white.clipped.any():
+        names = [patches.names[i] for i in np.flatnonzero(white.clipped.any(axis=1))]
+        raise fault(
+            f"the white clips at patch {', '.join(names)}",
+            "a white that is known everywhere",
+            "expose it shorter",
+        )
+    relative = white.mean / white.mean.mean(axis=0)
+    shade: NDArray[np.float64] = relative.mean(axis=1)  # one light: the same for all bands
+    return shade
+
+
+def turned(signals, spectra) -> bool:
+    """Whether the patches' signals look like the spectra of a chart the other way up.
+
+    Turned by 180 degrees the patches come in reverse. Logarithms are compared, so that light,
+    filter and exposure, which multiply, do not count.
+
+    signals  (n, B) of the patches in the order of the spectra, row by row; NaN where not known
+    spectra  (n, 36) read of each patch
+    """
+    assert len(signals) == len(spectra)
+    known = np.isfinite(signals).all(axis=1)
+    seen = np.log(np.maximum(np.nanmean(signals, axis=1), 1e-30))
+    read = np.log(np.maximum(np.mean(spectra, axis=1), 1e-30))
+
+    def likeness(order) -> float:
+        used = known & np.isfinite(read[order])
+        return float(np.corrcoef(seen[used], read[order][used])[0, 1]) if used.sum() > 2 else 0.0
+
+    here = np.arange(len(seen))
+    return likeness(here[::-1]) > max(likeness(here), _LEAST_LIKENESS)
 
 
 def _inside(quad, window: tuple[slice, slice]) -> NDArray[np.bool_]:
@@ -116,7 +196,7 @@ def _inside(quad, window: tuple[slice, slice]) -> NDArray[np.bool_]:
     return np.all([s >= 0 for s in sides], axis=0) | np.all([s <= 0 for s in sides], axis=0)
 
 
-def read_boxes(path: str | Path) -> Patches:
+def read_boxes(path: str | Path, names: Sequence[str] = PATCHES) -> Patches:
     """Patches from a CSV of patch,x0,y0,x1,y1, in px; raises InputError naming file and line."""
     path = Path(path)
     if not path.is_file():
@@ -147,18 +227,20 @@ def read_boxes(path: str | Path) -> Patches:
             problems.append(Problem(f"line {number}: patch {row[0]} again", "each patch once",
                                     "take one out"))  # fmt: skip
         boxes[row[0]] = [x0, y0, x1, y1]
-    missing = [patch for patch in PATCHES if patch not in boxes]
-    unknown = [patch for patch in boxes if patch not in PATCHES]
+    missing = [patch for patch in names if patch not in boxes]
+    unknown = [patch for patch in boxes if patch not in names]
     if missing or unknown:
         what = f"no box for patch {', '.join(missing)}" if missing else f"patch {unknown[0]!r}"
-        problems.append(Problem(what, "patches 1..24, each once", "correct the first column"))
+        problems.append(
+            Problem(what, f"patches {names[0]}..{names[-1]}, each once", "correct the first column")
+        )
     if problems:
         raise InputError(problems).at(path)
     corners = [
         [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
-        for x0, y0, x1, y1 in (boxes[patch] for patch in PATCHES)
+        for x0, y0, x1, y1 in (boxes[patch] for patch in names)
     ]
-    return Patches(PATCHES, np.array(corners, np.float64))
+    return Patches(tuple(names), np.array(corners, np.float64))
 
 
 def find(images: Sequence[NDArray[np.floating]]) -> Patches:

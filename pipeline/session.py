@@ -3,16 +3,22 @@
 calibration.toml                  optional
 A/cyan/*.dng  A/yellow/*.dng      the chart under light A, one folder a filter
 A/radiance.csv                    spectral radiance of each patch, W/(sr m2 nm)
+A/white/cyan/*.dng  ...           optional: an even white in the chart's place, the light unmoved
 D65/...
+
+With a white the signals are corrected for how the light falls off over the chart. That is for
+readings that do not share the fall-off: taken at one place, or computed from one of the light.
+Where each patch was read where it hangs, signals and readings agree already: leave the white out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from calibration import chart, fit, primaries
+from calibration import chart as charts
+from calibration import fit, primaries
 from calibration.spectra import Spectra, read_spectra
 from pipeline import io
 from pipeline.errors import InputError, Problem, fault
@@ -20,7 +26,8 @@ from pipeline.tables import Table, read_toml
 
 SETTINGS_FILE = "calibration.toml"
 RADIANCE_FILE = "radiance.csv"
-CHARTS = ("colorchecker24",)
+WHITE_FOLDER = "white"
+CHARTS = tuple(charts.CHARTS)
 
 
 @dataclass(frozen=True)
@@ -29,14 +36,16 @@ class Light:
 
     name          its folder's
     files         filter -> its raw files, sorted; the same filters for every light
-    radiance      spectra of the patches 1..24, W/(sr m2 nm)
+    radiance      spectra of the patches, W/(sr m2 nm)
     radiance_csv  where they were read
+    white         filter -> raw files of an even white in the chart's place; empty: there is none
     """
 
     name: str
     files: dict[str, tuple[Path, ...]]
     radiance: Spectra
     radiance_csv: Path
+    white: dict[str, tuple[Path, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -46,6 +55,7 @@ class Session:
     folder       as given
     lights       by name
     filters      their names, in order
+    chart        one of calibration.chart.CHARTS
     patches      where the patches lie in the photographs; None: find them
     patches_csv  where that was read; None likewise
     primaries    the set to fit to: a name, or a folder's path
@@ -55,7 +65,8 @@ class Session:
     folder: Path
     lights: tuple[Light, ...]
     filters: tuple[str, ...]
-    patches: chart.Patches | None
+    chart: str
+    patches: charts.Patches | None
     patches_csv: Path | None
     primaries: str
     method: str
@@ -73,14 +84,27 @@ def read_session(folder: str | Path) -> Session:
         raise fault("no such folder", "a folder of chart photographs", "correct the path", folder)
     problems: list[Problem] = []
     settings = _settings(folder / SETTINGS_FILE, problems)
+    kind = settings.get("chart", "colorchecker24")
+    names = charts.CHARTS[kind]
     patches, patches_csv = None, None
     if "patches" in settings:
         patches_csv = folder / settings["patches"]
         try:
-            patches = chart.read_boxes(patches_csv)
+            patches = charts.read_boxes(patches_csv, names)
         except InputError as error:
             problems.extend(error.problems)
-    lights = [light for sub in _folders(folder) if (light := _light(sub, problems)) is not None]
+    elif kind != "colorchecker24":
+        problems.append(
+            Problem(
+                f"no places of the patches of {kind}",
+                'patches = "patch_boxes.csv" with patch,x0,y0,x1,y1 in px',
+                "give them: only colorchecker24 is found by itself",
+                folder / SETTINGS_FILE,
+            )
+        )
+    lights = [
+        light for sub in _folders(folder) if (light := _light(sub, names, problems)) is not None
+    ]
     filters = tuple(sorted({name for light in lights for name in light.files}))
     problems.extend(_unequal(folder, lights, filters))
     if problems:
@@ -89,10 +113,11 @@ def read_session(folder: str | Path) -> Session:
         folder=folder,
         lights=tuple(lights),
         filters=filters,
+        chart=kind,
         patches=patches,
         patches_csv=patches_csv,
         primaries=_primaries(folder, settings.get("primaries", primaries.DEFAULT)),
-        method=settings.get("method", fit.DEFAULT_METHOD),
+        method=settings.get("method", fit.CHART_METHOD),
     )
 
 
@@ -122,12 +147,17 @@ def _folders(folder: Path) -> list[Path]:
     return sorted(p for p in folder.iterdir() if p.is_dir() and not p.name.startswith("."))
 
 
-def _light(folder: Path, problems: list[Problem]) -> Light | None:
-    files = {
+def _filters(folder: Path) -> dict[str, tuple[Path, ...]]:
+    """Raw files by the sub-folder they are in, that of the white apart."""
+    return {
         sub.name: found
         for sub in _folders(folder)
-        if (found := tuple(io.photographs(sub.iterdir())))
+        if sub.name != WHITE_FOLDER and (found := tuple(io.photographs(sub.iterdir())))
     }
+
+
+def _light(folder: Path, names: tuple[str, ...], problems: list[Problem]) -> Light | None:
+    files = _filters(folder)
     radiance_csv = folder / RADIANCE_FILE
     if not files and not radiance_csv.is_file():
         return None  # some other folder
@@ -140,18 +170,19 @@ def _light(folder: Path, problems: list[Problem]) -> Light | None:
     except InputError as error:
         problems.extend(error.at(radiance_csv).problems)
         return None
-    missing = [patch for patch in chart.PATCHES if patch not in radiance.names]
+    missing = [patch for patch in names if patch not in radiance.names]
     if missing:
         problems.append(
             Problem(
                 f"no column for patch {', '.join(missing)}",
-                "a column a patch, named 1 to 24 from the brown corner",
+                f"a column a patch, named {names[0]} to {names[-1]} as on the chart",
                 "measure them or rename the columns",
                 radiance_csv,
             )
         )
         return None
-    return Light(folder.name, files, radiance.only(chart.PATCHES), radiance_csv)
+    white = _filters(folder / WHITE_FOLDER) if (folder / WHITE_FOLDER).is_dir() else {}
+    return Light(folder.name, files, radiance.only(names), radiance_csv, white)
 
 
 def _unequal(folder: Path, lights: list[Light], filters: tuple[str, ...]) -> Iterator[Problem]:
@@ -170,4 +201,12 @@ def _unequal(folder: Path, lights: list[Light], filters: tuple[str, ...]) -> Ite
                 f"the filters {', '.join(filters)}, as under the other lights",
                 "take them, or take this light's folder away",
                 folder / light.name,
+            )
+        missing = [name for name in filters if name not in light.white]
+        if missing and light.white:
+            yield Problem(
+                f"no white through {', '.join(missing)}",
+                f"the filters {', '.join(filters)}, as of the chart",
+                "take it, or take this light's white away",
+                folder / light.name / WHITE_FOLDER,
             )

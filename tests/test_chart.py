@@ -191,3 +191,48 @@ def test_faulty_boxes_are_refused(tmp_path, change, says):
 def test_missing_boxes_are_refused(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         chart.read_boxes(tmp_path / "patch_boxes.csv")
+
+
+def test_a_patch_that_varies_beyond_its_noise_is_uneven(grid):
+    rng = np.random.default_rng(6)
+    image = 1.0 + 0.05 * rng.normal(size=(80, 120, 2))
+    stated = np.full_like(image, 0.05**2)
+    image[4:16, 4:8, 0] *= 0.5  # a shadow over a third of patch 1, in one band
+    image[24:36, 4:16] *= np.linspace(0.98, 1.02, 12)[None, :, None]  # the light's own fall
+    got = chart.patch_signals(image, np.ones((80, 120)), grid, stated)
+    assert np.argwhere(got.uneven).tolist() == [[0, 0]]
+    assert np.isnan(got.mean[0, 0])
+    np.testing.assert_allclose(got.noise, 0.05**2)
+    # 144 pixels, of which demosaicing would have made 36 independent.
+    np.testing.assert_allclose(got.mean_variance[1], 0.05**2 / 36, rtol=0.3)
+
+
+def test_a_white_in_the_charts_place_shows_how_the_light_falls(grid):
+    across = np.linspace(1.2, 0.8, 120)[None, :, None]
+    white = 0.5 * across * np.ones((80, 1, 3))
+    got = chart.shading(white, np.ones((80, 120)), grid)
+    middle = np.interp(grid.corners.mean(axis=1)[:, 0], np.arange(120) + 0.5, across[0, :, 0])
+    np.testing.assert_allclose(got, middle / middle.mean(), rtol=1e-6)
+    white[4:16, 4:16] = np.nan
+    with pytest.raises(InputError, match="the white clips at patch 1"):
+        chart.shading(white, np.ones((80, 120)), grid)
+
+
+@pytest.mark.parametrize("light", ["A", "D65", "F11"])
+def test_a_chart_upside_down_is_told_by_its_readings(light):
+    spectra = sets.surfaces("colorchecker24").values.T * sets.lights("darling2011")[light]
+    signals = spectra @ sets.camera("nikon5100").values
+    assert not chart.turned(signals, spectra)
+    assert chart.turned(signals[::-1], spectra)
+
+
+def test_an_sg_chart_has_its_own_boxes(tmp_path):
+    names = chart.CHARTS["colorchecker-sg"]
+    assert (len(names), names[0], names[13], names[-1]) == (140, "A1", "N1", "N10")
+    rows = [f"{name},{i},0,{i + 0.9},1" for i, name in enumerate(names)]
+    path = tmp_path / "boxes.csv"
+    path.write_text("\n".join(["patch,x0,y0,x1,y1", *rows]))
+    assert chart.read_boxes(path, names).names == names
+    path.write_text("\n".join(["patch,x0,y0,x1,y1", *rows[:-1]]))
+    with pytest.raises(InputError, match=r"no box for patch N10.*patches A1\.\.N10"):
+        chart.read_boxes(path, names)

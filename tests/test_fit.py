@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from calibration import fit, sets
+from calibration.adaptation import D65, cat02
 from calibration.difference import delta_e_2000, lab
 from calibration.errors import InputError
+from calibration.optimise import adapted_lab, true_lab
 from calibration.primaries import Primaries, gaussians, load
 from calibration.spectra import WAVELENGTHS, Spectra, read_spectra
 
@@ -56,7 +58,7 @@ def session(bands, lights=("A", "D65", "F2", "D50"), seed=0, noise=0.003):
     rng = np.random.default_rng(seed)
     chart, lamps = sets.surfaces("colorchecker24"), sets.lights("darling2011")
     radiances = {
-        light: Spectra(WAVELENGTHS, chart.names, lamps[light][:, None] * chart.values)
+        light: Spectra(WAVELENGTHS, chart.names, 0.01 * lamps[light][:, None] * chart.values)
         for light in lights
     }
     exact = {light: spectra.values.T @ bands[1] for light, spectra in radiances.items()}
@@ -88,7 +90,7 @@ def test_a_camera_whose_bands_are_the_primaries_gets_the_identity(primaries, met
         noise_level=1e-6,
     )
     np.testing.assert_allclose(got.matrix, np.eye(6), atol=1e-6)
-    assert got.figures["training_delta_e"]["max"] == 0.0
+    np.testing.assert_allclose(got.figures["spectral_error"], 0.0, atol=1e-3)
     np.testing.assert_allclose(got.figures["noise_amplification"], 1.0, atol=1e-3)
 
 
@@ -104,7 +106,7 @@ def test_ridge_has_the_least_expected_error_at_its_noise(bands, primaries):
     """Against pinv and every small change of itself, with noise really drawn."""
     level = 0.01
     given = session(bands, noise=0.0)
-    got = chart_fit(bands, primaries, given, noise_level=level)
+    got = chart_fit(bands, primaries, given, noise_level=level, method="ridge")
     plain = chart_fit(bands, primaries, given, method="pinv")
     rng = np.random.default_rng(2)
     s = np.repeat(np.concatenate(list(given[0].values())), 400, axis=0)
@@ -126,7 +128,7 @@ def test_ridge_has_the_least_expected_error_at_its_noise(bands, primaries):
 
 def test_ridge_amplifies_noise_less_and_says_truly_how_much(bands, primaries):
     given = session(bands, noise=0.0)
-    ridge = chart_fit(bands, primaries, given)
+    ridge = chart_fit(bands, primaries, given, method="ridge", noise_level=0.01)
     plain = chart_fit(bands, primaries, given, method="pinv")
     assert max(ridge.figures["noise_amplification"]) < 4.0
     assert max(plain.figures["noise_amplification"]) > 8.0
@@ -140,14 +142,14 @@ def test_ridge_amplifies_noise_less_and_says_truly_how_much(bands, primaries):
 
 def test_how_bright_a_light_was_does_not_count_with_ridge(bands, primaries):
     signals, variances, radiances = session(bands)
-    plain = chart_fit(bands, primaries, (signals, variances, radiances))
-    factor = {"A": 1.0, "D65": 300.0, "F2": 0.02, "D50": 7.0}
+    plain = chart_fit(bands, primaries, (signals, variances, radiances), method="ridge")
+    factor = {"A": 0.001, "D65": 0.01, "F2": 0.0002, "D50": 0.004}
     scaled = (
         {k: v * factor[k] for k, v in signals.items()},
         {k: v * factor[k] ** 2 for k, v in variances.items()},
         {k: Spectra(v.wavelengths, v.names, v.values * factor[k]) for k, v in radiances.items()},
     )
-    bright = chart_fit(bands, primaries, scaled)
+    bright = chart_fit(bands, primaries, scaled, method="ridge")
     np.testing.assert_allclose(bright.matrix, plain.matrix, rtol=1e-6)
 
 
@@ -183,6 +185,127 @@ def test_one_light_has_no_leave_one_light_out(bands, primaries):
     assert "leave_one_light_out_delta_e" not in got.figures
 
 
+# ---- by colour
+
+
+@pytest.fixture(scope="module")
+def five(bands):
+    return session(bands, lights=("A", "D65", "D50", "F2", "F11"), noise=0.001)
+
+
+def test_by_colour_is_no_worse_than_the_pseudo_inverse_on_lights_never_seen(five, bands, primaries):
+    """Lamps that no light of the session is: the colours of a chart, rendered, and of white."""
+    lamps = sets.lights("cie-led+cie-fl3+planckian").values.T
+    chart = np.vstack([sets.surfaces("colorchecker24").values.T, np.ones(36)])
+    true = sets.xyz(lamps[:, None] * chart)
+    xyz_from = primaries.xyz_from_primaries
+
+    def error(transform):
+        light = lamps @ bands[1] @ transform.matrix.T
+        seen = (light[:, None] * primaries.project(chart)) @ xyz_from.T
+        to_d65 = [cat02(white, D65) / white[1] for white in true[:, -1]]
+        pairs = zip(true, seen, to_d65, strict=True)
+        return np.mean([delta_e_2000(lab(t @ a.T), lab(s @ a.T)) for t, s, a in pairs])
+
+    by_colour = chart_fit(bands, primaries, five, method="delta-e")
+    plain = chart_fit(bands, primaries, five, method="pinv")
+    assert by_colour.figures["chosen"]["method"] == "delta-e"
+    assert error(by_colour) < error(plain)
+    assert max(by_colour.figures["noise_amplification"]) < 12.0
+
+
+def test_white_at_half_a_percent_of_band_noise_stays_within_one_delta_e(five, bands, primaries):
+    """The mean difference of noise really drawn, over five lights; camera and filters set most."""
+    got = chart_fit(bands, primaries, five, method="delta-e")
+    rng = np.random.default_rng(9)
+    to_xyz = primaries.xyz_from_primaries @ got.matrix
+    means = []
+    for light in sets.lights("darling2011").only(["A", "D65", "D75", "F2", "F11"]).values.T:
+        signal = light @ bands[1]
+        noisy = signal * (1 + 0.005 * rng.normal(size=(5000, 6)))
+        white = to_xyz @ signal
+        adapted = cat02(white, D65) / white[1] @ to_xyz
+        means.append(delta_e_2000(lab(adapted @ signal), lab(noisy @ adapted.T)).mean())
+    assert np.mean(means) < 1.0
+
+
+def test_with_too_few_lights_ridge_is_kept_and_said(bands, primaries):
+    given = session(bands, lights=("D65", "A"))
+    got = chart_fit(bands, primaries, given, method="delta-e")
+    ridge = chart_fit(bands, primaries, given, method="ridge")
+    np.testing.assert_array_equal(got.matrix, ridge.matrix)
+    assert got.figures["chosen"]["method"] == "ridge"
+    assert "three lights" in got.figures["chosen"]["because"]
+
+
+def test_what_stands_out_is_named_to_be_measured_again(bands, primaries):
+    signals, variances, radiances = session(bands)
+    values = radiances["D50"].values.copy()
+    values[:, 6] *= 1 + 0.5 * step(600, 10)
+    radiances["D50"] = Spectra(WAVELENGTHS, radiances["D50"].names, values)
+    got = chart_fit(bands, primaries, (signals, variances, radiances), method="ridge")
+    assert got.figures["remeasure"][0].startswith("patch 7 under D50: ")
+    assert len(got.figures["sample_delta_e"]) == 24
+    assert list(got.figures["light_delta_e"]) == ["A", "D65", "F2", "D50"]
+
+
+def test_fitted_together_the_two_matrices_beat_two_pseudo_inverses(camera, filters, primaries):
+    """On the ColorChecker, never trained on, photographed in D50 and seen in the paper's lights."""
+    lights, chart = sets.lights("darling2011"), sets.surfaces("colorchecker24").values.T
+    _, curves = fit.sensitivities(camera, filters)
+    m_s, m_r = fit.joint_from_sensitivities(
+        camera, filters, primaries=primaries, lights=lights, noise_level=0.002
+    )
+    assert (m_s.quantity, m_r.quantity) == ("light", "reflectance")
+    lamps, d50 = lights.values.T, lights["D50"]
+    train = np.vstack([sets.surfaces(fit.ROOM_SURFACES).values.T, np.ones(36)])
+
+    def seen(reflectances):
+        return (reflectances * d50) @ curves / (d50 @ curves)
+
+    def plain(signals, spectra):
+        return np.linalg.lstsq(signals, primaries.project(spectra))[0].T
+
+    pairs = {
+        "joint": (m_s.matrix, m_r.matrix),
+        "pinv": (plain(lamps @ curves, lamps), plain(seen(train), train)),
+    }
+    errors = {}
+    for name, (light, surface) in pairs.items():
+        product = (lamps @ curves @ light.T)[:, None] * (seen(chart) @ surface.T)
+        found = adapted_lab(product @ primaries.xyz_from_primaries.T, lights)
+        true = true_lab(lights, sets.surfaces("colorchecker24"))
+        errors[name] = delta_e_2000(true, found).mean()
+    assert errors["joint"] < 0.75 * errors["pinv"]
+
+
+# ---- reflectance
+
+
+def test_m_r_gives_a_charts_reflectance_and_white_stays_white(bands, primaries):
+    given = session(bands, lights=("A", "D65", "D50", "F2"), noise=0.001)
+    got = fit.reflectance_from_chart(
+        *given, patches=sets.surfaces("colorchecker24").names, channels=bands[0],
+        primaries=primaries,
+    )  # fmt: skip
+    assert got.quantity == "reflectance"
+    np.testing.assert_allclose(got.matrix @ np.ones(6), 1.0, atol=0.01)
+    light, chart = sets.lights("darling2011")["D75"], sets.surfaces("colorchecker24").values.T
+    signal = (chart * light) @ bands[1] / ((chart[18] * light) @ bands[1])
+    expected = primaries.project(chart / chart[18])
+    assert np.sqrt(np.mean((signal @ got.matrix.T - expected) ** 2)) < 0.04
+
+
+def test_m_r_does_not_pass_for_m_s(camera, filters, primaries, tmp_path):
+    got = fit.reflectance_from_sensitivities(camera, filters, primaries=primaries)
+    fit.write_transform(tmp_path / "M_R.toml", got)
+    back = fit.read_transform(tmp_path / "M_R.toml")
+    assert back.quantity == "reflectance"
+    assert fit.matched(back, got.channels, primaries, "reflectance").channels == got.channels
+    with pytest.raises(InputError, match="a matrix for reflectance"):
+        fit.matched(back, got.channels, primaries)
+
+
 # ---- from known sensitivities
 
 
@@ -211,7 +334,8 @@ def test_equal_energy_light_comes_out_in_the_unit_that_is_stated(known, bands):
 
 
 def test_noise_stays_bounded(known):
-    assert max(known.figures["noise_amplification"]) < 5.0
+    """Twelve times is what is allowed; see the pseudo-inverse's dozens above."""
+    assert max(known.figures["noise_amplification"]) < 12.0
     assert known.figures["leave_one_light_out_delta_e"]["mean"] < 1.0
 
 
@@ -291,6 +415,56 @@ def test_lights_and_patches_that_do_not_match_are_all_named(bands, primaries):
     assert "'A' has photographs but no radiance" in said
     assert "'F7' has radiance but no photographs" in said
     assert "'D65' has no radiance of patch 23, 24" in said
+
+
+def changed(given, light, change):
+    signals, variances, radiances = given
+    spectra = radiances[light]
+    values = change(spectra.values.copy())
+    return signals, variances, {
+        **radiances, light: Spectra(spectra.wavelengths, spectra.names, values)
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda v: v * 1e6, "light 'D65': the chart shines with"),
+        (lambda v: v * 100, "light 'D65': 76 times the radiance per signal"),
+        (lambda v: -v, "light 'D65', patch 1: a negative radiance"),
+        (lambda v: np.ones_like(v), "patch 1: 1 at every wavelength"),
+    ],
+)
+def test_readings_that_cannot_be_are_named(bands, primaries, change, says):
+    with pytest.raises(InputError) as caught:
+        chart_fit(bands, primaries, changed(session(bands), "D65", change))
+    assert says in str(caught.value)
+    assert len(caught.value.problems) <= 11
+
+
+def test_the_same_readings_for_two_lights_are_refused(bands, primaries):
+    signals, variances, radiances = session(bands)
+    radiances["D50"] = radiances["D65"]
+    with pytest.raises(InputError, match="'D50' has the readings of 'D65'"):
+        chart_fit(bands, primaries, (signals, variances, radiances))
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "says"),
+    [
+        ("lights", [[1.0, -1.0]], "light 'a' is negative"),
+        ("lights", [[0.0, 0.0]], "light 'a' is 0 everywhere"),
+        ("lights", [[1.0, 2.0], [2.0, 4.0]], "light 'b' is 'a' again"),
+        ("lights", [[1.0, 1.0], [2.0, 2.0]], "every light is the same at all wavelengths"),
+        ("surfaces", [[20.0, 60.0]], "surface 'a' reaches 60: percent"),
+        ("surfaces", [[0.2, 0.4], [0.2, 0.4]], "surface 'b' is 'a' again"),
+    ],
+)
+def test_lights_and_surfaces_of_no_use_are_named(camera, filters, primaries, kind, values, says):
+    columns = np.array([np.linspace(a, b, 36) for a, b in values]).T
+    given = Spectra(WAVELENGTHS, tuple("ab"[: len(values)]), columns)
+    with pytest.raises(InputError, match=says):
+        fit.from_sensitivities(camera, filters, primaries=primaries, **{kind: given})
 
 
 # ---- the file

@@ -35,7 +35,7 @@ def test_a_folder_needs_no_settings(folder):
     assert got.channels == ("cyan.R", "cyan.G", "cyan.B", "yellow.R", "yellow.G", "yellow.B")
     assert [p.name for p in got.lights[0].files["cyan"]] == ["1.dng", "2.dng"]
     assert got.lights[0].radiance.names == NAMES
-    assert (got.patches, got.primaries, got.method) == (None, "darling2011", "ridge")
+    assert (got.patches, got.primaries, got.method) == (None, "darling2011", "delta-e")
 
 
 def test_settings_are_read(folder):
@@ -69,8 +69,8 @@ def test_everything_wrong_is_said_at_once(folder):
     (folder / "D65" / "radiance.csv").write_text("wavelength_nm,1\n400,1\n700,\n")
     said = refused(folder)
     for what in (
-        "calibration.toml: chart is 'sg' (expected colorchecker24)",
-        "method is 'best' (expected pinv or ridge",
+        "calibration.toml: chart is 'sg' (expected colorchecker24 or colorchecker-sg)",
+        "method is 'best' (expected pinv or ridge or delta-e",
         "none.csv: no such file",
         "light is not known here",
         "line 3, column '1': empty",
@@ -104,3 +104,22 @@ def test_a_light_without_readings_or_photographs_is_named(folder):
 def test_settings_that_are_no_toml_are_refused(folder):
     (folder / "calibration.toml").write_text("chart =")
     assert "calibration.toml: not TOML" in refused(folder)
+
+
+def test_a_white_is_apart_from_the_filters_and_whole_or_refused(folder):
+    (folder / "A" / "white" / "cyan").mkdir(parents=True)
+    (folder / "A" / "white" / "cyan" / "1.dng").touch()
+    assert refused(folder).startswith(f"{folder / 'A' / 'white'}: no white through yellow")
+    (folder / "A" / "white" / "yellow").mkdir()
+    (folder / "A" / "white" / "yellow" / "1.dng").touch()
+    got = session.read_session(folder)
+    assert got.filters == ("cyan", "yellow")
+    assert list(got.lights[0].white) == ["cyan", "yellow"]
+    assert got.lights[1].white == {}
+
+
+def test_a_chart_that_is_not_found_by_itself_needs_its_places(folder):
+    (folder / "calibration.toml").write_text('chart = "colorchecker-sg"\n')
+    said = refused(folder)
+    assert "no places of the patches of colorchecker-sg" in said
+    assert "no column for patch A1" in said
