@@ -1,0 +1,244 @@
+"""`sixlight evaluate` and `sixlight filters`: the user's spectra in, tables and pictures out."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibration import evaluate as tables
+from calibration import filters as choice
+from calibration import primaries as known
+from calibration import sets
+from calibration.spectra import Spectra, join, read_spectra
+from pipeline.errors import InputError, Problem, fault, storing
+
+PICTURES = ("full_spectra.png", "camera.png")
+
+# Spectra whose cosine is larger than this are one spectrum twice; noise alone makes more.
+_SAME = 1.0 - 1e-9
+
+
+def evaluate(
+    *,
+    surfaces: Path | None = None,
+    lights: Path | None = None,
+    primaries: Sequence[str] | None = None,
+    camera: Path | None = None,
+    filters: Path | None = None,
+) -> list[dict[str, Any]]:
+    """All tables, one dictionary a row (see `calibration.evaluate.Row`).
+
+    surfaces, lights  CSV files to try methods on, in place of the tables' own sets
+    primaries         names or folders of sets; default: see `calibration.evaluate.tables`
+    camera, filters   CSV files of what table 2 is photographed with; both or neither
+    raises            InputError naming the file
+    """
+    given = _given(surfaces, lights, primaries, camera, filters)
+    return [dataclasses.asdict(row) for row in tables.tables(**given)]
+
+
+def as_markdown(rows: Iterable[Mapping[str, Any]]) -> str:
+    """The tables for people."""
+    return tables.as_markdown(tables.Row(**row) for row in rows)
+
+
+def heat_maps(
+    folder: Path,
+    *,
+    surfaces: Path | None = None,
+    lights: Path | None = None,
+    primaries: Sequence[str] | None = None,
+    camera: Path | None = None,
+    filters: Path | None = None,
+) -> list[Path]:
+    """Pictures of the mean CIEDE2000 of each method under each light; returns their paths.
+
+    The folder is made; the arguments are those of `evaluate`. Where several sets of surfaces
+    would be tried, the ColorChecker is.
+    """
+    given = _given(surfaces, lights, primaries, camera, filters)
+    pictures = tables.pictures(**given)
+    with storing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    for name, picture in zip(PICTURES, pictures, strict=True):
+        _draw(folder / name, picture)
+    return [folder / name for name in PICTURES]
+
+
+def rank_filters(
+    camera: Path,
+    candidates: Sequence[Path],
+    *,
+    count: int,
+    primaries: str | None = None,
+    lights: Path | None = None,
+    best: int = 10,
+    beside: Iterable[Sequence[str]] = (),
+) -> list[dict[str, Any]]:
+    """Combinations of filters, best first, one dictionary a row: see `calibration.filters.rank`.
+
+    camera      CSV of sensitivities R, G, B
+    candidates  CSVs of transmittances
+    count       filters in a combination: 1, 2 or 3
+    lights      CSV of lights, one left out at a time; default: what lights rooms
+    beside      combinations to judge beside the best, by names
+    """
+    curves = _camera(camera)
+    glass = _joined(candidates)
+    rows = choice.rank(
+        curves,
+        glass,
+        count=count,
+        primaries=known.load(primaries or known.DEFAULT),
+        lights=_lights(lights) if lights else None,
+        best=best,
+        beside=beside,
+    )
+    return [dataclasses.asdict(row) for row in rows]
+
+
+def ranking_as_markdown(rows: Iterable[Mapping[str, Any]]) -> str:
+    """The ranking for people."""
+    lines = [
+        "| rank | filters | dE, lights left out | dE of noise on white | both | amplification "
+        "| stops lost |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    lines += [
+        f"| {row['rank'] or '-'} | {' + '.join(row['filters'])} | {row['delta_e']:.2f} "
+        f"| {row['noise_delta_e']:.2f} | {row['expected_delta_e']:.2f} "
+        f"| {row['amplification']:.1f} | {abs(row['stops']):.1f} |"
+        for row in rows
+    ]
+    return "\n".join(lines) + "\n"
+
+
+# ---- the user's files
+
+
+def _given(surfaces, lights, primaries, camera, filters) -> dict[str, Any]:
+    if (camera is None) != (filters is None):
+        raise fault(
+            f"only {'--filters' if camera is None else '--camera'}",
+            "--camera and --filters",
+            "give both, or neither",
+            camera or filters,
+        )
+    return {
+        "surfaces": [tables.Trial(surfaces.stem, _surfaces(surfaces))] if surfaces else None,
+        "lights": [tables.Trial(lights.stem, _lights(lights))] if lights else None,
+        "sets_of_primaries": [known.load(name) for name in primaries] if primaries else None,
+        "camera": _camera(camera) if camera else None,
+        "filters": _at(filters, lambda: read_spectra(filters, "fraction")) if filters else None,
+    }
+
+
+def _surfaces(path: Path) -> Spectra:
+    return _at(path, lambda: _distinct(read_spectra(path, "fraction")).resampled())
+
+
+def _lights(path: Path) -> Spectra:
+    def read() -> Spectra:
+        lights = _distinct(read_spectra(path, "power")).resampled()
+        return dataclasses.replace(lights, values=sets.scaled_to_unit_luminance(lights.values))
+
+    return _at(path, read)
+
+
+def _camera(path: Path) -> Spectra:
+    camera = read_spectra(path, "power")
+    if sorted(camera.names) != ["B", "G", "R"]:
+        raise fault(
+            f"the curves {', '.join(camera.names)}",
+            "wavelength_nm,R,G,B",
+            "name the columns so",
+            path,
+        )
+    return camera
+
+
+def _joined(paths: Sequence[Path]) -> Spectra:
+    """Filters of several files; a name that comes twice gets its file's before it."""
+    read = [_at(path, lambda p=path: read_spectra(p, "fraction").resampled()) for path in paths]
+    names = [name for spectra in read for name in spectra.names]
+    parts = [
+        dataclasses.replace(
+            spectra,
+            names=tuple(n if names.count(n) == 1 else f"{path.stem} {n}" for n in spectra.names),
+        )
+        for path, spectra in zip(paths, read, strict=True)
+    ]
+    return join(parts)
+
+
+def _at(path: Path, read):
+    try:
+        return read()
+    except InputError as error:
+        raise error.at(path) from None
+
+
+def _distinct(spectra: Spectra) -> Spectra:
+    """The spectra, if each tells something: none constant, none there twice."""
+    problems = list(_indistinct(spectra))
+    if problems:
+        raise InputError(problems)
+    return spectra
+
+
+def _indistinct(spectra: Spectra) -> Iterator[Problem]:
+    for name, column in zip(spectra.names, spectra.values.T, strict=True):
+        if np.ptp(column) == 0.0:
+            yield Problem(
+                f"column {name!r}: {column[0]:g} at every wavelength",
+                "a measured spectrum",
+                "measure it, or take it out",
+            )
+    unit = spectra.values / np.maximum(np.linalg.norm(spectra.values, axis=0), 1e-300)
+    for j, name in enumerate(spectra.names):
+        for i in np.flatnonzero(unit[:, :j].T @ unit[:, j] > _SAME):
+            yield Problem(
+                f"column {name!r} is {spectra.names[i]!r} again",
+                "each spectrum once",
+                "take one of them out",
+            )
+
+
+# ---- pictures
+
+
+def _draw(path: Path, picture: tables.Picture) -> None:
+    """A heat map as PNG, whole or not at all."""
+    try:
+        from matplotlib.figure import Figure  # the extra `report`
+    except ImportError:
+        raise fault(
+            "matplotlib is not installed",
+            "the extra `report`",
+            "pip install 'sixlight[plots]', or leave the pictures out",
+            path,
+        ) from None
+    rows, columns = picture.means.shape
+    figure = Figure(figsize=(3.5 + 0.32 * columns, 2.2 + 0.3 * rows), layout="constrained")
+    axes = figure.subplots()
+    # Above 3 everything is bad; below, a tenth should show.
+    image = axes.imshow(picture.means, vmin=0.0, vmax=3.0, cmap="viridis_r", aspect="auto")
+    axes.set_xticks(range(columns), picture.lights, rotation=60, ha="right", fontsize=7)
+    axes.set_yticks(range(rows), picture.methods, fontsize=7)
+    for (row, column), value in np.ndenumerate(picture.means):
+        shade = "white" if value > 1.5 else "black"
+        axes.text(column, row, f"{value:.1f}", ha="center", va="center", fontsize=6, color=shade)
+    axes.set_title(picture.title, fontsize=9)
+    figure.colorbar(image, label="mean CIEDE2000", extend="max")
+    beside = path.with_name(f".{path.name}.unfinished")
+    try:
+        with storing(path):
+            figure.savefig(beside, format="png", dpi=150)
+            os.replace(beside, path)
+    finally:
+        beside.unlink(missing_ok=True)
