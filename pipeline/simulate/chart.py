@@ -58,7 +58,7 @@ def photograph_chart(folder: Path, camera: Camera, write: WriteShot, *, seed: in
         'chart = "colorchecker24"\n'
         'patches = "patch_boxes.csv"\n'
         'primaries = "darling2011"\n'
-        'method = "ridge"\n'
+        'method = "delta-e"\n'
     )
     plain = np.ones((len(FINE), 1))
     reflectances = np.concatenate([checker_patches(), SURROUND * plain, FRAME * plain], axis=1)
