@@ -31,7 +31,7 @@ setup: $(STAMP)  ## virtual environment, the package, OpenGL
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev,simulate]"
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev,plots,simulate]"
 	@$(LIBRARIES_FOUND) || $(LIBRARIES_INSTALL)
 	@touch $@
 
@@ -44,10 +44,16 @@ fit: $(STAMP)  ## M_S from chart photographs and spectra: CALIBRATION=dir [OUT=f
 preview: $(STAMP)  ## render a finished map: ENVMAP=dir
 	@$(BIN)/sixlight preview "$(or $(ENVMAP),$(error say which: make preview ENVMAP=dir))"
 
+tables: $(STAMP)  ## the paper's tables beside ours, and those past it; pictures in build/tables
+	@$(BIN)/sixlight evaluate --pictures build/tables
+
 sample: $(STAMP)  ## render the bundled capture anew, ten minutes: [OUT=dir]
 	@$(BIN)/sixlight simulate room -o "$(or $(OUT),build/sample_room)"
 
-check-sample: $(STAMP)  ## compare the bundled capture's result with its truth
+check-tables: $(STAMP)  ## the paper's tables beside ours, and those past it; pictures in build/tables
+	@$(BIN)/sixlight evaluate --pictures build/tables
+
+sample: $(STAMP)  ## compare the bundled capture's result with its truth
 	@$(BIN)/sixlight envmap sample_captures/room --quiet > /dev/null
 	@$(BIN)/python benchmarks/check_sample.py
 
@@ -62,4 +68,4 @@ lint: $(STAMP)  ## ruff and mypy
 clean:  ## remove results and caches, keep the environment
 	rm -rf build dist .mypy_cache .pytest_cache .ruff_cache
 
-.PHONY: help setup envmap fit preview sample check-sample test lint clean
+.PHONY: help setup envmap fit preview tables sample check-sample test lint clean

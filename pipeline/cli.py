@@ -9,7 +9,7 @@ from __future__ import annotations
 import json as jsonlib
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -128,35 +128,46 @@ def fit(
         Path | None, typer.Argument(help="Folder of chart photographs and radiance CSVs.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Transform to write [CALIBRATION/M_S.toml].")
+        Path | None, typer.Option("-o", "--out", help="Matrix to write [CALIBRATION/M_S.toml].")
     ] = None,
-    method: Annotated[str | None, typer.Option(help="pinv (the paper's) or ridge.")] = None,
+    method: Annotated[
+        str | None, typer.Option(help="pinv (the paper's prototype), ridge, or delta-e.")
+    ] = None,
     primaries: Annotated[str | None, typer.Option(help="A named set, or its folder.")] = None,
+    reflectance: Annotated[
+        bool, typer.Option("--reflectance", help="M_R, for surfaces, in place of M_S.")
+    ] = False,
     camera: Annotated[
         Path | None, typer.Option(help="Sensitivities R, G, B, in place of a folder.")
     ] = None,
     filters: Annotated[Path | None, typer.Option(help="Transmittances of the filters.")] = None,
     lights: Annotated[Path | None, typer.Option(help="Spectra of lights to train on.")] = None,
+    surfaces: Annotated[Path | None, typer.Option(help="Reflectances to train on.")] = None,
     force: Force = False,
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """M_S from a chart session, or from known sensitivities.
+    """M_S, or M_R, from a chart session, or from known sensitivities.
 
     Example: sixlight fit sample_captures/room/calibration -o M_S.toml
     """
     from pipeline import fitting
 
+    name = "M_R.toml" if reflectance else "M_S.toml"
     if calibration is None:
         if camera is None or filters is None:
             raise typer.BadParameter("give a calibration folder, or --camera with --filters")
-        transform = fitting.from_sensitivities(camera, filters, lights, primaries, method)
-        out = out or Path("M_S.toml")
+        transform = fitting.from_sensitivities(
+            camera, filters, lights, primaries, method, surfaces=surfaces, reflectance=reflectance
+        )
+        out = out or Path(name)
     else:
-        if camera or filters or lights:
+        if camera or filters or lights or surfaces:
             raise typer.BadParameter("a calibration folder, or --camera with --filters; not both")
-        transform = fitting.from_session(calibration, primaries, method, quiet=quiet)
-        out = out or calibration / "M_S.toml"
+        transform = fitting.from_session(
+            calibration, primaries, method, reflectance=reflectance, quiet=quiet
+        )
+        out = out or calibration / name
     fitting.save(transform, out, force=force)
     print(jsonlib.dumps(transform.figures, indent=2) if json else fitting.as_text(transform, out))
 
@@ -186,18 +197,169 @@ def preview(
 
 @app.command()
 def primaries(
-    name: Annotated[str, typer.Argument(help="A named set, such as darling2011.")],
+    name: Annotated[str, typer.Argument(help="A named set, or `fit` to make a new one.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder to write.")],
+    lights: Annotated[Path | None, typer.Option(help="fit: spectra of the lights.")] = None,
+    surfaces: Annotated[Path | None, typer.Option(help="fit: spectra of the surfaces.")] = None,
+    channels: Annotated[int, typer.Option(min=3, max=12, help="fit: how many.")] = 6,
+    kind: Annotated[str, typer.Option(help="fit: signed, nonnegative or gaussian.")] = "signed",
+    starts: Annotated[int, typer.Option(min=1, max=1000, help="fit: random starts.")] = 25,
+    smoothing: Annotated[
+        float | None, typer.Option(min=0, help="fit: weight of smoothness.")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="fit: of the random starts.")] = 1,
     force: Force = False,
+    quiet: Quiet = False,
 ) -> None:
-    """Writes a set of primaries as curves.csv and xyz_from_primaries.csv.
+    """Writes a set of primaries: curves.csv and xyz_from_primaries.csv.
 
     Example: sixlight primaries darling2011 -o primaries
-    """
-    from pipeline import fitting
 
-    for path in fitting.save_primaries(name, out, force=force):
+    Example: sixlight primaries fit --lights L.csv --surfaces S.csv --channels 7 -o mine
+    """
+    from pipeline import fitting, primary_fit
+
+    if name == "fit":
+        made = primary_fit.new_set(
+            out.name,
+            lights,
+            surfaces,
+            channels=channels,
+            kind=kind,
+            starts=starts,
+            smoothing=smoothing,
+            seed=seed,
+            progress=lambda line: _say(line, quiet),
+        )
+    else:
+        from calibration.primaries import load
+
+        made = load(name)
+    for path in fitting.save_primaries(made, out, force=force):
         print(path)
+
+
+@app.command()
+def evaluate(
+    surfaces: Annotated[Path | None, typer.Option(help="Reflectances to try.")] = None,
+    lights: Annotated[Path | None, typer.Option(help="Lights to try.")] = None,
+    primaries: Annotated[
+        list[str] | None, typer.Option(help="Named sets or folders; once for each.")
+    ] = None,
+    camera: Annotated[Path | None, typer.Option(help="Sensitivities R, G, B.")] = None,
+    filters: Annotated[Path | None, typer.Option(help="Transmittances, with --camera.")] = None,
+    pictures: Annotated[Path | None, typer.Option(help="Folder for heat maps.")] = None,
+    json: Json = False,
+) -> None:
+    """The paper's tables beside ours, and the tables past it.
+
+    Example: sixlight evaluate --json
+    """
+    from pipeline import evaluation
+
+    given: dict[str, Any] = {
+        "surfaces": surfaces,
+        "lights": lights,
+        "primaries": primaries,
+        "camera": camera,
+        "filters": filters,
+    }
+    rows = evaluation.evaluate(**given)
+    print(jsonlib.dumps(rows, indent=2) if json else evaluation.as_markdown(rows))
+    if pictures is not None:
+        for path in evaluation.heat_maps(pictures, **given):
+            print(path, file=sys.stderr)
+
+
+@app.command()
+def filters(
+    camera: Annotated[Path, typer.Option(help="Sensitivities R, G, B.")],
+    candidates: Annotated[
+        list[Path], typer.Option(help="Transmittances of candidates; once for each file.")
+    ],
+    count: Annotated[int, typer.Option(min=1, max=3, help="Filters in a set.")] = 2,
+    beside: Annotated[
+        list[str] | None, typer.Option(help="A set to show beside the best: NAME+NAME.")
+    ] = None,
+    primaries: Annotated[str | None, typer.Option(help="A named set, or its folder.")] = None,
+    lights: Annotated[Path | None, typer.Option(help="Lights to judge by.")] = None,
+    best: Annotated[int, typer.Option(min=1, help="Sets to show.")] = 10,
+    json: Json = False,
+) -> None:
+    """Which filters to shoot light through: sets ranked by colour error and noise.
+
+    Example: sixlight filters --camera C.csv --candidates F.csv --count 2 --beside cyan+yellow
+    """
+    from pipeline import evaluation
+
+    rows = evaluation.rank_filters(
+        camera,
+        candidates,
+        count=count,
+        primaries=primaries,
+        lights=lights,
+        best=best,
+        beside=[names.split("+") for names in beside or []],
+    )
+    print(jsonlib.dumps(rows, indent=2) if json else evaluation.ranking_as_markdown(rows))
+
+
+@app.command()
+def reflectance(
+    surface: Annotated[Path, typer.Argument(help="Folder of the surface's photographs.")],
+    white: Annotated[Path, typer.Option(help="Folder of a white's, in the same light.")],
+    transform: Annotated[Path, typer.Option(help="M_R.toml of `fit --reflectance`.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="EXR to write.")],
+    primaries: Annotated[str | None, typer.Option(help="What M_R was fitted to.")] = None,
+    force: Force = False,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """A painting's or a sample's reflectance in six channels, from raw brackets.
+
+    Example: sixlight reflectance painting --white card --transform M_R.toml -o painting.exr
+    """
+    from pipeline import reflectance as captured
+
+    session = captured.load(surface, white, transform, primaries)
+    figures = captured.reflectance(session, out, force=force, quiet=quiet)
+    for note in figures["notes"]:
+        _say(f"note: {note}", quiet)
+    print(jsonlib.dumps(figures, indent=2) if json else out)
+
+
+@app.command()
+def spectra(
+    source: Annotated[Path, typer.Argument(help="EXR of spectra, or of six channels.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="EXR to write.")],
+    estimate: Annotated[
+        bool, typer.Option("--estimate", help="From channels to estimated spectra.")
+    ] = False,
+    kind: Annotated[str, typer.Option(help="What spectra are: light or reflectance.")] = "light",
+    primaries: Annotated[str | None, typer.Option(help="A named set, or its folder.")] = None,
+    force: Force = False,
+    quiet: Quiet = False,
+) -> None:
+    """Spectral images to six channels, or six channels to estimated spectra.
+
+    Spectra are read and written in the OpenEXR layout of Fichet et al. 2021.
+
+    Example: sixlight spectra hyperspectral.exr -o six.exr
+
+    Example: sixlight spectra build/room/latlong.exr --estimate -o spectra.exr
+    """
+    from calibration.primaries import DEFAULT, load
+    from pipeline import spectral
+
+    if estimate:
+        wanted = load(primaries) if primaries else None
+        notes = spectral.to_spectra(source, out, wanted, force=force)
+    else:
+        wanted = load(primaries or DEFAULT)
+        notes = spectral.to_primaries(source, out, wanted, kind=kind, force=force)
+    for note in notes:
+        _say(f"note: {note}", quiet)
+    print(out)
 
 
 @app.command()
