@@ -45,7 +45,7 @@ def of_code(function: Callable[..., Any]) -> str:
     """
     parts = [inspect.getsource(function)]
     reached: set[str] = set()
-    for name in _names_in(function.__code__):
+    for name in sorted(_names_in(function.__code__)):
         value = function.__globals__.get(name)
         if isinstance(value, ModuleType):
             module = value.__name__
@@ -64,26 +64,34 @@ def _names_in(code) -> set[str]:
     return set(code.co_names).union(*map(_names_in, nested))
 
 
-@cache
-def _closure(module: str) -> frozenset[str]:
+def _closure(module: str) -> set[str]:
     """Our modules that importing `module` leads to, itself included."""
     reached: set[str] = set()
     waiting = [module]
     while waiting:
         name = waiting.pop()
-        if name in reached or name.split(".")[0] not in _OURS:
-            continue
-        spec = importlib.util.find_spec(name)
-        if spec is None or spec.origin is None:
-            continue
-        reached.add(name)
-        for node in ast.walk(ast.parse(Path(spec.origin).read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Import):
-                waiting += [alias.name for alias in node.names]
-            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-                waiting.append(node.module)
-                waiting += [f"{node.module}.{a.name}" for a in node.names if _is_module(node, a)]
-    return frozenset(reached)
+        if name not in reached and (imports := _imports(name)) is not None:
+            reached.add(name)
+            waiting += imports
+    return reached
+
+
+@cache
+def _imports(module: str) -> tuple[str, ...] | None:
+    """What one of our modules imports, anywhere in it; None for others' modules."""
+    if module.split(".")[0] not in _OURS:
+        return None
+    spec = importlib.util.find_spec(module)
+    if spec is None or spec.origin is None:
+        return None
+    names: list[str] = []
+    for node in ast.walk(ast.parse(Path(spec.origin).read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            names.append(node.module)
+            names += [f"{node.module}.{a.name}" for a in node.names if _is_module(node, a)]
+    return tuple(name for name in names if name.split(".")[0] in _OURS)
 
 
 def _is_module(node: ast.ImportFrom, alias: ast.alias) -> bool:
