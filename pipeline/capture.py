@@ -171,7 +171,7 @@ def load(folder: Path) -> Capture:
 
     capture = Capture(folder, name, filters, sphere, focal_px, calibration, yaw_deg, tuple(notes))
     if not problems:  # M_S is matched to the bands, so the photographs must be right first
-        _collect(problems, lambda: capture.transform)
+        _collect(problems, lambda: _check_channels(capture))
     _collect(problems, lambda: _check_metal(sphere))
     if problems:
         raise InputError(problems)
@@ -379,6 +379,21 @@ def _calibration(table: Table) -> Calibration:
         have, lack = ("camera", "filters") if "camera" in content else ("filters", "camera")
         table.wrong(have, f"given without {lack}", "both", f"add {lack}, a CSV of its spectra")
     return calibration
+
+
+def _check_channels(capture: Capture) -> None:
+    """M_S must fit the bands, and give what two RGB maps hold."""
+    if capture.transform is None:
+        return
+    assert capture.primaries is not None
+    count = len(capture.primaries.channels)
+    if count != 6:
+        raise fault(
+            f"the primaries {capture.primaries.name!r} have {count} channels",
+            "six, which two RGB maps hold",
+            "choose a set of six under [calibration]",
+            capture.folder / "capture.toml",
+        )
 
 
 def _check_metal(sphere: SphereSpec) -> None:

@@ -200,6 +200,12 @@ def test_a_transform_for_other_primaries(refused, sixlight, small):
     refused("M_S.toml", "primaries")
 
 
+@pytest.mark.parametrize("name", ["signed5", "signed7"])
+def test_primaries_that_two_rgb_maps_cannot_hold(refused, small, name):
+    with_toml(small, 'filters = "F.csv"', f'filters = "F.csv"\nprimaries = "{name}"')
+    refused(name, "channels", "choose a set of six")
+
+
 @pytest.mark.parametrize(
     ("spoil", "naming"),
     [
