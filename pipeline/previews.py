@@ -20,6 +20,7 @@ from stages.fill import fill
 from stages.prefilter import mean
 from stages.preview import preview as render
 from stages.preview import side_by_side
+from stages.scene import Material
 from stages.sharpen import sharpen
 from stages.types import Float, Measured
 
@@ -45,8 +46,8 @@ def teapot(
     chart = sets.surfaces("colorchecker24")
     # Patch 15, red: what a trichromatic renderer shows too orange under tungsten light.
     scene = scenes.teapot(
-        body=scenes.Material(primaries.project(chart["15"]), _gloss(primaries, 0.045), 0.05),
-        stand=scenes.Material(primaries.project(chart["21"]), _gloss(primaries, 0.03), 0.12),
+        body=Material(primaries.project(chart["15"]), _gloss(primaries, 0.045), 0.05),
+        stand=Material(primaries.project(chart["21"]), _gloss(primaries, 0.03), 0.12),
     )
     daylight = primaries.project(sets.lights("darling2011")["D65"])
     three_light, three_scene, xyz_from_sharp = sharpen(filled, scene, matrix, daylight)

@@ -19,7 +19,7 @@ import shaders
 from calibration.errors import fault
 from stages.lamps import take_out
 from stages.prefilter import irradiance, prefilter
-from stages.scenes import Camera, Material, Scene
+from stages.scene import Camera, Material, Scene
 from stages.types import Float
 
 BRDFS = ("ward", "ward1992")  # the fragment shaders of the same names

@@ -6,7 +6,7 @@ import numpy as np
 
 from stages.lamps import lights
 from stages.prefilter import area_average
-from stages.scenes import Mesh, Scene
+from stages.scene import Mesh, Scene
 
 _LIGHTS = 160
 _GRID = 128  # cells across a shadow map ...

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.channels import SHARP_FROM_XYZ
-from stages.scenes import Material, Scene
+from stages.scene import Material, Scene
 
 
 def sharpen(cube, scene: Scene, xyz_from_primaries, daylight):

@@ -6,9 +6,10 @@ import pytest
 from calibration.errors import InputError
 from stages import cube as cubes
 from stages import preview as module
+from stages.meshes import revolved, sphere
 from stages.prefilter import area_average
 from stages.preview import preview, side_by_side
-from stages.scenes import Camera, Material, Scene, revolved, sphere
+from stages.scene import Camera, Material, Scene
 
 XYZ_FROM_SIX = np.array(
     [

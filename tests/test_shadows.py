@@ -3,7 +3,8 @@
 import numpy as np
 
 from stages import cube as cubes
-from stages.scenes import Camera, Material, Mesh, Scene, revolved, sphere
+from stages.meshes import revolved, sphere
+from stages.scene import Camera, Material, Mesh, Scene
 from stages.shadows import sky
 
 CAMERA = Camera((0.0, 1.0, 3.0), (0.0, 0.0, 0.0), 40.0)

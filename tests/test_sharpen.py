@@ -5,7 +5,8 @@ import warnings
 import numpy as np
 import pytest
 
-from stages.scenes import Camera, Material, Scene, sphere
+from stages.meshes import sphere
+from stages.scene import Camera, Material, Scene
 from stages.sharpen import SHARP_FROM_XYZ, sharpen
 
 XYZ_FROM_PRIMARIES = np.array(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stages.scenes import revolved, sphere, teapot_mesh
+from stages.meshes import revolved, sphere, teapot_mesh
 
 
 def volume(mesh):
