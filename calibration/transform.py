@@ -172,7 +172,9 @@ def read_transform(path: str | Path) -> Transform:
     """Read M_S.toml; raises InputError naming the file."""
     path = Path(path)
     if not path.is_file():
-        raise fault("no such file", "M_S.toml", "run sixlight fit, or correct the path", path)
+        raise fault(
+            "no such file", "a file of sixlight fit", "run sixlight fit, or correct the path", path
+        )
     try:
         return from_toml(path.read_text(encoding="utf-8"))
     except UnicodeDecodeError:

@@ -209,7 +209,10 @@ def test_by_colour_is_no_worse_than_the_pseudo_inverse_on_lights_never_seen(five
 
     by_colour = chart_fit(bands, primaries, five, method="delta-e")
     plain = chart_fit(bands, primaries, five, method="pinv")
-    assert by_colour.figures["chosen"]["method"] == "delta-e"
+    chosen = by_colour.figures["chosen"]
+    left_out = chosen["rendered_delta_e_left_out"]
+    assert chosen["method"] == "curves"
+    assert left_out["curves"] < left_out["ridge"]
     assert error(by_colour) < error(plain)
     assert max(by_colour.figures["noise_amplification"]) < 12.0
 
@@ -249,8 +252,9 @@ def test_what_stands_out_is_named_to_be_measured_again(bands, primaries):
     assert list(got.figures["light_delta_e"]) == ["A", "D65", "F2", "D50"]
 
 
-def test_fitted_together_the_two_matrices_beat_two_pseudo_inverses(camera, filters, primaries):
+def test_fitted_together_the_two_matrices_beat_two_pseudo_inverses(camera, filters):
     """On the ColorChecker, never trained on, photographed in D50 and seen in the paper's lights."""
+    primaries = load("darling2011")
     lights, chart = sets.lights("darling2011"), sets.surfaces("colorchecker24").values.T
     _, curves = fit.sensitivities(camera, filters)
     m_s, m_r = fit.joint_from_sensitivities(
@@ -309,8 +313,11 @@ def test_m_r_does_not_pass_for_m_s(camera, filters, primaries, tmp_path):
 # ---- from known sensitivities
 
 
-def test_white_in_room_light_keeps_its_colour(known, bands, primaries):
-    """Daylight, tungsten and their mixtures: the light most rooms have."""
+def test_white_in_room_light_keeps_its_colour(camera, filters, bands):
+    """Daylight, tungsten and their mixtures: the light most rooms have. Colour alone, as of a
+    bracket that is exposed so well that noise hardly needs heed."""
+    primaries = load("darling2011")
+    known = fit.from_sensitivities(camera, filters, primaries=primaries, noise_level=0.007)
     daylight, tungsten = sets.lights("daylight").values.T, sets.lights("planckian").values.T[1:9]
     mixed = 0.5 * daylight[::4, None] + 0.5 * tungsten[None]
     for lights, mean, most in (
@@ -337,6 +344,60 @@ def test_noise_stays_bounded(known):
     """Twelve times is what is allowed; see the pseudo-inverse's dozens above."""
     assert max(known.figures["noise_amplification"]) < 12.0
     assert known.figures["leave_one_light_out_delta_e"]["mean"] < 1.0
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason="the measured cameras are not beside the checkout")
+@pytest.mark.parametrize("primaries_name", ["darling2011", "signed6"])
+@pytest.mark.parametrize(
+    "camera_name", ["Canon_EOS_600D", "Canon_EOS_R5", "Nikon_D5100", "Sony_ILCE-7M3"]
+)
+def test_a_white_through_real_filters_stays_within_one_delta_e(camera_name, primaries_name):
+    """At half a percent of noise in every band: the mean over draws and the paper's lights."""
+    camera = read_spectra(DATA / "cameras" / f"{camera_name}.csv", "power")
+    wratten = read_spectra(DATA / "filters" / "wratten.csv", "fraction").resampled()
+    yellow = read_spectra(DATA / "filters" / "Tiffen_Deep_yellow_15.csv", "fraction").resampled()
+    glass = np.hstack([wratten["38A"][:, None], yellow.values])
+    pair = Spectra(WAVELENGTHS, ("cyan", "yellow"), glass)
+    primaries = load(primaries_name)
+    got = fit.from_sensitivities(camera, pair, primaries=primaries)
+    assert max(got.figures["noise_amplification"]) < 12.0
+    _, curves = fit.sensitivities(camera, pair)
+    rng = np.random.default_rng(9)
+    to_xyz = primaries.xyz_from_primaries @ got.matrix
+    means = []
+    for light in sets.lights("darling2011").values.T:
+        noisy = light @ curves * (1 + 0.005 * rng.normal(size=(1000, 6)))
+        white = to_xyz @ (light @ curves)
+        adapted = cat02(white, D65) / white[1]
+        means.append(delta_e_2000(lab(adapted @ white), lab(noisy @ (adapted @ to_xyz).T)).mean())
+    assert np.mean(means) < 1.0
+
+
+def test_where_noise_would_be_amplified_too_much_more_of_it_is_expected(camera, filters, primaries):
+    """Filters that hardly differ, and next to no noise expected: the bound acts."""
+    alike = filters.values[:, [0, 0]] * np.stack([np.ones(36), 1.0 - 0.3 * step(560, 15)], axis=1)
+    nearly = Spectra(WAVELENGTHS, ("a", "b"), alike)
+    got = fit.from_sensitivities(camera, nearly, primaries=primaries, noise_level=1e-4)
+    assert max(got.figures["noise_amplification"]) <= fit.MOST_AMPLIFIED
+    assert got.noise_level > 1e-4
+    plain = fit.from_sensitivities(camera, nearly, primaries=primaries, method="pinv")
+    assert max(plain.figures["noise_amplification"]) > fit.MOST_AMPLIFIED
+
+
+def test_the_white_noise_that_is_stated_is_that_of_noise_really_drawn(known, bands, primaries):
+    rng = np.random.default_rng(5)
+    lights = sets.scaled_to_unit_luminance(sets.lights("room").values).T
+    to_xyz = primaries.xyz_from_primaries @ known.matrix
+    squares = []
+    for light in lights:
+        signal = light @ bands[1]
+        noisy = signal * (1 + 0.005 * rng.normal(size=(2000, 6)))
+        white = to_xyz @ signal
+        adapted = cat02(white, D65) / white[1]
+        off = delta_e_2000(lab(adapted @ white), lab(noisy @ (adapted @ to_xyz).T))
+        squares.append(np.mean(off**2))
+    stated = known.figures["white_noise_delta_e"]["mean"]
+    assert stated == pytest.approx(np.mean(np.sqrt(squares)), rel=0.05)
 
 
 def test_the_filters_come_in_the_captures_order(camera, filters, primaries, known):
@@ -366,16 +427,6 @@ def test_other_cameras_keep_white_too(name, filters, primaries):
 
 
 # ---- what is refused
-
-
-def test_a_camera_with_other_columns_is_refused(filters):
-    with pytest.raises(InputError, match="wavelength_nm,R,G,B"):
-        fit.sensitivities(filters, filters)
-
-
-def test_a_filter_without_a_curve_is_named(camera, filters):
-    with pytest.raises(InputError, match="the filter 'red', only cyan, yellow"):
-        fit.sensitivities(camera, filters, ["cyan", "red"])
 
 
 def test_a_band_that_sees_nothing_is_named(camera, filters, primaries):
@@ -449,22 +500,10 @@ def test_the_same_readings_for_two_lights_are_refused(bands, primaries):
         chart_fit(bands, primaries, (signals, variances, radiances))
 
 
-@pytest.mark.parametrize(
-    ("kind", "values", "says"),
-    [
-        ("lights", [[1.0, -1.0]], "light 'a' is negative"),
-        ("lights", [[0.0, 0.0]], "light 'a' is 0 everywhere"),
-        ("lights", [[1.0, 2.0], [2.0, 4.0]], "light 'b' is 'a' again"),
-        ("lights", [[1.0, 1.0], [2.0, 2.0]], "every light is the same at all wavelengths"),
-        ("surfaces", [[20.0, 60.0]], "surface 'a' reaches 60: percent"),
-        ("surfaces", [[0.2, 0.4], [0.2, 0.4]], "surface 'b' is 'a' again"),
-    ],
-)
-def test_lights_and_surfaces_of_no_use_are_named(camera, filters, primaries, kind, values, says):
-    columns = np.array([np.linspace(a, b, 36) for a, b in values]).T
-    given = Spectra(WAVELENGTHS, tuple("ab"[: len(values)]), columns)
-    with pytest.raises(InputError, match=says):
-        fit.from_sensitivities(camera, filters, primaries=primaries, **{kind: given})
+def test_lights_of_no_use_are_refused(camera, filters, primaries):
+    twice = Spectra(WAVELENGTHS, ("a", "b"), np.linspace((1.0, 2.0), (2.0, 4.0), 36))
+    with pytest.raises(InputError, match="light 'b' is 'a' again"):
+        fit.from_sensitivities(camera, filters, primaries=primaries, lights=twice)
 
 
 # ---- the file
@@ -522,5 +561,5 @@ def test_a_transform_for_other_bands_or_primaries_is_refused(known, primaries):
     bands, numbers = str(caught.value).splitlines()
     assert "for the bands cyan.R" in bands
     assert "red.R" in bands
-    assert "primaries 'darling2011'" in numbers
+    assert f"primaries {primaries.name!r}" in numbers
     assert "'mine'" in numbers
