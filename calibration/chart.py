@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,18 +11,19 @@ from numpy.typing import NDArray
 
 from calibration.errors import InputError, Problem, fault
 
-COLUMNS, ROWS = 6, 4
-PATCHES = tuple(str(i) for i in range(1, COLUMNS * ROWS + 1))
-"""The patches' names, row by row from the brown corner."""
+COLORCHECKER24, COLORCHECKER_SG = "colorchecker24", "colorchecker-sg"
 
-_SG_COLUMNS = "ABCDEFGHIJKLMN"
+GRIDS = {COLORCHECKER24: (6, 4), COLORCHECKER_SG: (14, 10)}
+"""Columns and rows of each chart."""
+
+PATCHES = tuple(str(i) for i in range(1, 25))
+"""The 24 patches' names, row by row from the brown corner."""
 
 CHARTS = {
-    "colorchecker24": PATCHES,
-    "colorchecker-sg": tuple(f"{column}{row}" for row in range(1, 11) for column in _SG_COLUMNS),
+    COLORCHECKER24: PATCHES,
+    COLORCHECKER_SG: tuple(f"{column}{row}" for row in range(1, 11) for column in "ABCDEFGHIJKLMN"),
 }
-"""The patches of each chart, row by row; the SG's columns have letters and its rows numbers. Only
-the 24 patches are found in photographs; the SG's places are given."""
+"""The patches of each chart, row by row; the SG's columns have letters and its rows numbers."""
 
 BOXES_HEADER = ("patch", "x0", "y0", "x1", "y1")
 
@@ -34,16 +35,19 @@ _FEWEST_PIXELS = 16
 _UNEVEN = 0.06  # of its mean ...
 _UNEVEN_DARK = 0.004  # ... and of the brightest patch's, so that flare over black is forgiven
 
-# Of a found patch only the middle is read: its edges are blurred by lens and demosaicing.
+# Of a patch between the chart's corners only the middle is read: its edges are blurred by lens and
+# demosaicing.
 _MIDDLE = 0.5
 
-# The patch's side over the distance from one patch to the next, on the printed chart.
-_PATCH_SHARE = 0.8
+# The patch's side over the distance from one patch to the next, on the printed charts.
+PATCH_SHARE = {COLORCHECKER24: 0.8, COLORCHECKER_SG: 0.85}
 
-_SEARCH_PX = 1000  # the chart is looked for in pictures of this size; it need not be large
-_WINDOWS_PX = (31, 61, 121)  # over which "brighter than around it" is judged
-_FEWEST_SQUARES = 12  # of the 24 that must be seen as squares
-_LEAST_LIKENESS = 0.75  # correlation with the printed chart's patches; wrong ways round reach .5
+# Correlation of signals with the readings of their names, see `_likeness`: .999 where they are
+# right, .66 of an SG the other way up, less in any other order.
+_LEAST_LIKENESS = 0.85
+_ENOUGH_TO_TELL = 12  # patches; more than _PARTS, or any signals could be made
+_PARTS = 7  # of the spectrum
+_DARKEST = 1e-3  # of the brightest signal; below there is flare and noise
 
 
 @dataclass(frozen=True)
@@ -163,25 +167,46 @@ def shading(values, valid, patches: Patches) -> NDArray[np.float64]:
 
 
 def turned(signals, spectra) -> bool:
-    """Whether the patches' signals look like the spectra of a chart the other way up.
-
-    Turned by 180 degrees the patches come in reverse. Logarithms are compared, so that light,
-    filter and exposure, which multiply, do not count.
+    """Whether the patches' signals are those of the spectra in reverse: a chart the other way up.
 
     signals  (n, B) of the patches in the order of the spectra, row by row; NaN where not known
     spectra  (n, 36) read of each patch
     """
+    reverse = _likeness(signals, spectra[::-1])
+    return reverse > _LEAST_LIKENESS and reverse > _likeness(signals, spectra)
+
+
+def unlike(signals, spectra) -> bool:
+    """Whether no camera has these signals of these spectra: a name is not its patch's.
+
+    Arguments as of `turned`; a handful of patches cannot tell.
+    """
+    return _likeness(signals, spectra) < _LEAST_LIKENESS
+
+
+def _likeness(signals, spectra) -> float:
+    """How well signals (n, B) follow from spectra (n, 36); NaN where too little is known.
+
+    Whatever a camera's band and its filter are, no wavelength counts negatively. So each band is
+    fitted with what light of a few parts of the spectrum, none negative, gives; the correlation of
+    the logarithms of fit and signal is averaged over the bands. Exposure does not count.
+    """
+    from scipy.optimize import nnls  # .8 s
+
     assert len(signals) == len(spectra)
-    known = np.isfinite(signals).all(axis=1)
-    seen = np.log(np.maximum(np.nanmean(signals, axis=1), 1e-30))
-    read = np.log(np.maximum(np.mean(spectra, axis=1), 1e-30))
-
-    def likeness(order) -> float:
-        used = known & np.isfinite(read[order])
-        return float(np.corrcoef(seen[used], read[order][used])[0, 1]) if used.sum() > 2 else 0.0
-
-    here = np.arange(len(seen))
-    return likeness(here[::-1]) > max(likeness(here), _LEAST_LIKENESS)
+    parts = np.stack([p.mean(axis=1) for p in np.array_split(spectra, _PARTS, axis=1)], axis=1)
+    found = []
+    for band in np.asarray(signals, np.float64).T:
+        known = np.isfinite(band)
+        top = band.max(where=known, initial=0.0)
+        if known.sum() < _ENOUGH_TO_TELL or top <= 0.0:
+            continue
+        seen = np.maximum(band[known], _DARKEST * top)
+        amounts, _ = nnls(parts[known] / seen[:, None], np.ones(len(seen)))  # relative errors
+        made = np.maximum(parts[known] @ amounts, _DARKEST * top)
+        alike = np.log(made).std() > 0.0 < np.log(seen).std()
+        found.append(np.corrcoef(np.log(made), np.log(seen))[0, 1] if alike else 0.0)
+    return float(np.mean(found)) if found else float("nan")
 
 
 def _inside(quad, window: tuple[slice, slice]) -> NDArray[np.bool_]:
@@ -243,199 +268,61 @@ def read_boxes(path: str | Path, names: Sequence[str] = PATCHES) -> Patches:
     return Patches(tuple(names), np.array(corners, np.float64))
 
 
-def find(images: Sequence[NDArray[np.floating]]) -> Patches:
-    """The ColorChecker's patches, found in photographs of it from one place.
+def from_corners(corners, kind: str = COLORCHECKER24) -> Patches:
+    """The middles of a chart's patches between its corners, as perspective has it.
 
-    Squares brighter than the black around them are looked for in the photographs' bands, the
-    grid they lie on is followed, and of all ways to lay the chart on the grid the one whose
-    patches look most like the printed ones is taken, whatever the light and filter.
-
-    images   (H, W, 3) linear signal each, one a filter; NaN where not known
-    returns  the middles of the patches 1..24
-    raises   InputError if there is no chart to be seen
+    corners  (4, 2) px (x, y) of the outer corners of the area of patches, clockwise in the
+             photograph from the first patch's (1 or A1)
+    kind     one of CHARTS
+    raises   InputError if they do not go clockwise around a chart
     """
-    picture, scale = _picture(images)
-    best, likeness = None, _LEAST_LIKENESS
-    for squares in _square_sets(picture):
-        for lattice, centres in _grids(squares):
-            for to_image in _layouts(lattice, centres):
-                likely = _likeness(picture, _quads(to_image, _MIDDLE))
-                if likely > likeness:
-                    best, likeness = to_image, likely
-    if best is None:
+    import cv2
+
+    corners = np.asarray(corners, np.float64)
+    sides = np.roll(corners, -1, axis=0) - corners
+    turns = [a[0] * b[1] - a[1] * b[0] for a, b in zip(sides, np.roll(sides, -1, 0), strict=True)]
+    if not min(turns) > 0.0:
+        names = CHARTS[kind]
+        columns = GRIDS[kind][0]
+        order = ", ".join((names[0], names[columns - 1], names[-1], names[-columns]))
         raise fault(
-            "no ColorChecker found in the photographs",
-            "all 24 patches in view and in focus",
-            'give their places: patches = "patch_boxes.csv" with patch,x0,y0,x1,y1 in px',
+            f"corners {[tuple(c) for c in corners.tolist()]} that do not go clockwise",
+            f"the outer corners of patches {order} in that order",
+            "order them so; a chart is never seen mirrored",
         )
-    return Patches(PATCHES, _quads(best, _MIDDLE) / scale)
+    to_image = cv2.getPerspectiveTransform(
+        outline(kind).astype(np.float32), corners.astype(np.float32)
+    )
+    return between(to_image, kind)
 
 
-def _picture(images) -> tuple[NDArray[np.float32], float]:
-    """All bands of the photographs as one image (h, w, C) of about _SEARCH_PX, and its scale.
+def outline(kind: str) -> NDArray[np.float64]:
+    """Outer corners (4, 2) of a chart's patches in places (column, row), clockwise from the first.
 
-    Each band is divided by its bright end and curved like an eye, so that no coloured light or
-    filter leaves a band dark.
+    The first patch's centre is (0, 0), the next one's to the right (1, 0).
     """
-    height, width = images[0].shape[:2]
-    scale = min(1.0, _SEARCH_PX / max(height, width))
-    size = (round(width * scale), round(height * scale))
-    small = np.concatenate([_reduced(image, size) for image in images], axis=-1)
-    bright = np.maximum(np.percentile(small, 97, axis=(0, 1)), np.finfo(np.float32).tiny)
-    return np.sqrt(np.clip(small / bright, 0.0, 1.0)), scale
+    columns, rows = GRIDS[kind]
+    half = 0.5 * PATCH_SHARE[kind]
+    left, right, top, bottom = -half, columns - 1 + half, -half, rows - 1 + half
+    return np.array([(left, top), (right, top), (right, bottom), (left, bottom)])
 
 
-def _reduced(image, size: tuple[int, int]) -> NDArray[np.float32]:
-    """An image (H, W, 3) at a smaller size (width, height), its noise smoothed."""
-    import cv2
+def between(to_image, kind: str = COLORCHECKER24) -> Patches:
+    """The middles of the patches of a chart that a homography lays in an image.
 
-    image = np.asarray(image, np.float32)
-    known = np.nan_to_num(image, nan=float(np.nanmax(image)))  # what clipped is bright
-    small = cv2.resize(known, size, interpolation=cv2.INTER_AREA)
-    return cv2.GaussianBlur(small, (0, 0), 1.0)
-
-
-def _square_sets(picture) -> Iterator[NDArray[np.float64]]:
-    """Squares (k, 3) as x, y, side in px: once from each band, once from the brightest band."""
-    import cv2
-
-    bands = [picture.max(axis=-1), picture.mean(axis=-1), *np.moveaxis(picture, -1, 0)]
-    for band in bands:
-        eight_bit = (band * 255.0 + 0.5).astype(np.uint8)
-        found: list[tuple[float, float, float]] = []
-        for window in _WINDOWS_PX:
-            for offset in (-4, -12):
-                mask = cv2.adaptiveThreshold(
-                    eight_bit, 255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY, window, offset
-                )
-                mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-                outlines, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)
-                found.extend(square for outline in outlines if (square := _as_square(outline)))
-        if len(found) >= _FEWEST_SQUARES:
-            yield _distinct(np.array(found))
-
-
-def _as_square(outline) -> tuple[float, float, float] | None:
-    """Centre and side of an outline that is about a square of 8 px or more."""
-    import cv2
-
-    area = cv2.contourArea(outline)
-    if area < 64:
-        return None
-    (x, y), (a, b), _ = cv2.minAreaRect(outline)
-    if min(a, b) < 0.65 * max(a, b) or area < 0.75 * a * b:
-        return None
-    return x, y, float(np.sqrt(a * b))
-
-
-def _distinct(squares) -> NDArray[np.float64]:
-    """The squares, of those about one centre the largest.
-
-    A window smaller than a patch sees only its rim: then there is a square within the square.
+    to_image  (3, 3) from places (column, row), see `outline`, to px
+    kind      one of CHARTS
     """
-    kept = np.empty((0, 3))
-    for square in squares[np.argsort(-squares[:, 2])]:
-        if np.all(np.hypot(*(kept[:, :2] - square[:2]).T) > 0.4 * square[2]):
-            kept = np.concatenate([kept, square[None]])
-    return kept
-
-
-def _grids(squares) -> Iterator[tuple[NDArray[np.int_], NDArray[np.float64]]]:
-    """Grids the squares lie on: integer places (m, 2) and centres (m, 2), largest first."""
-    grids = []
-    taken: set[int] = set()
-    for i in range(len(squares)):
-        if i in taken:
-            continue
-        place = _followed(squares, i)
-        taken.update(place)
-        if len(place) >= _FEWEST_SQUARES:
-            members = list(place)
-            grids.append((np.array([place[m] for m in members]), squares[members, :2]))
-    yield from sorted(grids, key=lambda grid: -len(grid[0]))
-
-
-def _followed(squares, start: int) -> dict[int, tuple[int, int]]:
-    """Squares reached from one by steps along a grid: index to place (column, row)."""
-    centres, sides = squares[:, :2], squares[:, 2]
-    offsets = centres - centres[start]
-    distance = np.hypot(*offsets.T)
-    ratio = sides / sides[start]
-    near = (distance > 0.9 * sides[start]) & (distance < 2.0 * sides[start])
-    near &= (ratio > 0.7) & (ratio < 1.4)
-    if not near.any():
-        return {start: (0, 0)}
-    step = offsets[np.argmin(np.where(near, distance, np.inf))]
-    across = np.array([-step[1], step[0]])  # right-handed, so the chart is never mirrored
-    place, steps, queue = {start: (0, 0)}, {start: (step, across)}, [start]
-    while queue:
-        at = queue.pop(0)
-        for way, (column, row) in enumerate(((1, 0), (-1, 0), (0, 1), (0, -1))):
-            u, v = steps[at]
-            target = centres[at] + column * u + row * v
-            off = np.hypot(*(centres - target).T)
-            j = int(np.argmin(off))
-            if j in place or off[j] > 0.25 * np.hypot(*u) or not 0.65 < sides[j] / sides[at] < 1.5:
-                continue
-            place[j] = (place[at][0] + column, place[at][1] + row)
-            # Perspective: each square's own steps follow from the last one taken.
-            moved = (centres[j] - centres[at]) * (column + row)
-            steps[j] = (0.5 * (u + moved), v) if way < 2 else (u, 0.5 * (v + moved))
-            queue.append(j)
-    return place
-
-
-def _layouts(lattice, centres) -> Iterator[NDArray[np.float64]]:
-    """Homographies from chart places (column 0..5, row 0..3) to the image: every way it may lie."""
-    import cv2
-
-    for cos, sin in ((1, 0), (0, 1), (-1, 0), (0, -1)):
-        turned = lattice @ np.array([[cos, sin], [-sin, cos]])
-        low, high = turned.min(axis=0), turned.max(axis=0)
-        for column in range(low[0] - 1, max(low[0], high[0] - COLUMNS + 1) + 2):
-            for row in range(low[1] - 1, max(low[1], high[1] - ROWS + 1) + 2):
-                local = turned - (column, row)
-                inside = np.all((local >= 0) & (local < (COLUMNS, ROWS)), axis=1)
-                if inside.sum() < _FEWEST_SQUARES:
-                    continue
-                to_image, _ = cv2.findHomography(local[inside].astype(float), centres[inside])
-                if to_image is not None:
-                    yield to_image
-
-
-def _quads(to_image, share: float) -> NDArray[np.float64]:
-    """Corners (24, 4, 2) of the middle `share` of each patch under a homography."""
-    half = 0.5 * _PATCH_SHARE * share
+    columns, rows = GRIDS[kind]
+    half = 0.5 * PATCH_SHARE[kind] * _MIDDLE
     corner = half * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
-    middle = np.array([(c, r) for r in range(ROWS) for c in range(COLUMNS)], np.float64)
-    points = middle[:, None, :] + corner
-    mapped = np.concatenate([points, np.ones((*points.shape[:2], 1))], axis=-1) @ to_image.T
-    return mapped[..., :2] / mapped[..., 2:]
+    centres = np.array([(c, r) for r in range(rows) for c in range(columns)], np.float64)
+    return Patches(CHARTS[kind], mapped(to_image, centres[:, None, :] + corner))
 
 
-def _likeness(picture, quads) -> float:
-    """How much the patches look like a ColorChecker's: mean correlation over the bands.
-
-    Logarithms are compared, so that light and filter, which multiply, do not count; each band is
-    compared with the part of the spectrum (red, green, blue) it resembles by its place.
-    """
-    height, width = picture.shape[:2]
-    x, y = np.floor(quads.mean(axis=1)).astype(int).T
-    if x.min() < 0 or y.min() < 0 or x.max() >= width or y.max() >= height:
-        return 0.0
-    seen = 2.0 * np.log(np.maximum(picture[y, x], 0.01))
-    printed = _printed()[:, np.arange(picture.shape[-1]) % 3]
-    seen, printed = seen - seen.mean(axis=0), printed - printed.mean(axis=0)
-    power = np.sum(seen**2, axis=0) * np.sum(printed**2, axis=0)
-    correlation = np.sum(seen * printed, axis=0) / np.sqrt(np.maximum(power, 1e-12))
-    return float(correlation.mean())
-
-
-def _printed() -> NDArray[np.float64]:
-    """Logarithm of the patches' mean reflectance (24, 3) over red, green and blue."""
-    from calibration import sets
-
-    patches = sets.surfaces("colorchecker24")
-    parts = [(580.0, 680.0), (490.0, 590.0), (410.0, 510.0)]
-    inside = [(patches.wavelengths >= a) & (patches.wavelengths <= b) for a, b in parts]
-    return np.log(np.stack([patches.values[rows].mean(axis=0) for rows in inside], axis=1))
+def mapped(to_image, points) -> NDArray[np.float64]:
+    """Points (..., 2) under a homography (3, 3)."""
+    points = np.asarray(points, np.float64)
+    seen = np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1) @ to_image.T
+    through: NDArray[np.float64] = seen[..., :2] / seen[..., 2:]
+    return through

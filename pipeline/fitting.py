@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from calibration import chart, fit, primaries
+from calibration import chart as charts
+from calibration import chart_finder, fit, primaries, residuals
+from calibration.bands import sensitivities
 from calibration.spectra import read_spectra
 from pipeline import digest, io
 from pipeline.bracket import Bracket
@@ -21,6 +25,38 @@ from stages.merge import merge
 from stages.types import Measured
 
 
+@dataclass(frozen=True)
+class Fitted:
+    """A transform, and what it was fitted to.
+
+    transform  M_S or M_R
+    primaries  the set it gives
+    chart      signals and readings, of M_R over the white's; None: fitted to known curves
+    bands      (36, B) known curves of the camera behind its filters; None: fitted to a chart
+    """
+
+    transform: fit.Transform
+    primaries: primaries.Primaries
+    chart: residuals.Chart | None = None
+    bands: NDArray[np.float64] | None = None
+
+    @property
+    def residuals(self) -> residuals.Residuals | None:
+        """Colours of the chart's patches; None where there was no chart."""
+        if self.chart is None:
+            return None
+        return residuals.residuals(self.transform.matrix, self.chart, self.primaries)
+
+    @property
+    def curves(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """What the transform weights spectra with (36, P), and how uncertain that is (36, P)."""
+        if self.bands is not None:
+            known = self.bands @ self.transform.matrix.T
+            return known, np.zeros_like(known)
+        assert self.chart is not None
+        return residuals.made_curves(self.transform.matrix, self.chart)
+
+
 def from_session(
     folder: Path,
     wanted: str | None,
@@ -28,7 +64,7 @@ def from_session(
     *,
     reflectance: bool = False,
     quiet: bool = False,
-) -> fit.Transform:
+) -> Fitted:
     """M_S, or M_R for reflectance, from a calibration folder (see `pipeline.session`).
 
     wanted, method  primaries and method; None takes the folder's own choice
@@ -44,7 +80,7 @@ def from_session(
         session = replace(session, method=_known(method))
     target = primaries.load(session.primaries)
     shots = _shots(session)
-    names = chart.CHARTS[session.chart]
+    names = charts.CHARTS[session.chart]
     progress = Progress(len(session.lights), quiet=quiet)
     signals: dict[str, np.ndarray] = {}
     variances: dict[str, np.ndarray] = {}
@@ -66,8 +102,17 @@ def from_session(
             inputs=_digests(session),
         )
     except InputError as error:
-        raise error.at(folder) from None
-    return replace(transform, figures={**transform.figures, "left_out": left_out})
+        problems = error.at(folder).problems
+        raise InputError(
+            replace(problem, remedy="; ".join([problem.remedy, *left_out])) for problem in problems
+        ) from None
+    spectra = {light.name: light.radiance.values.T for light in session.lights}
+    chart = residuals.Chart.of(signals, spectra, names)
+    return Fitted(
+        replace(transform, figures={**transform.figures, "left_out": left_out}),
+        target,
+        chart=chart.over_white() if reflectance else chart,
+    )
 
 
 def from_sensitivities(
@@ -79,7 +124,7 @@ def from_sensitivities(
     *,
     surfaces: Path | None = None,
     reflectance: bool = False,
-) -> fit.Transform:
+) -> Fitted:
     """M_S, or M_R, from known curves of camera and filters.
 
     lights       to train on; None: those of rooms
@@ -88,20 +133,23 @@ def from_sensitivities(
     """
     curves = read_spectra(camera, "power")
     glass = read_spectra(filters, "fraction")
+    target = primaries.load(wanted or primaries.DEFAULT)
     given = [path for path in (camera, filters, lights, surfaces) if path is not None]
     fitted = fit.reflectance_from_sensitivities if reflectance else fit.from_sensitivities
     try:
-        return fitted(
+        transform = fitted(
             curves,
             glass,
-            primaries=primaries.load(wanted or primaries.DEFAULT),
+            primaries=target,
             lights=read_spectra(lights, "power") if lights else None,
             surfaces=read_spectra(surfaces, "fraction") if surfaces else None,
             method=_known(method or fit.DEFAULT_METHOD),
             inputs={path.name: digest.of_file(path) for path in given},
         )
+        _, bands = sensitivities(curves, glass)
     except InputError as error:
         raise error.at(filters) from None
+    return Fitted(transform, target, bands=bands)
 
 
 def save(transform: fit.Transform, path: Path, *, force: bool) -> None:
@@ -124,45 +172,108 @@ def save_primaries(made: primaries.Primaries, folder: Path, *, force: bool) -> l
     return [folder / file for file in files]
 
 
-def as_text(transform: fit.Transform, path: Path) -> str:
+def figures(fitted: Fitted) -> dict[str, Any]:
+    """Everything that is known of a fit, for scripts: the transform with its figures.
+
+    With a chart also `delta_e`: light -> patch -> CIEDE2000, None where the patch was left out.
+    """
+    transform = fitted.transform
+    said: dict[str, Any] = {
+        "quantity": transform.quantity,
+        "method": transform.method,
+        "primaries": transform.primaries,
+        "channels": list(transform.channels),
+        "matrix": transform.matrix.tolist(),
+        "units": transform.units,
+        "noise_level": transform.noise_level,
+        **transform.figures,
+    }
+    off = fitted.residuals
+    if off is not None:
+        said["delta_e"] = {
+            light: {
+                patch: None if np.isnan(value) else round(float(value), 4)
+                for patch, value in zip(off.patches, row, strict=True)
+            }
+            for light, row in zip(off.lights, off.delta_e, strict=True)
+        }
+    return said
+
+
+def as_text(fitted: Fitted, path: Path) -> str:
     """What was fitted and how good it is, for people."""
-    figures = transform.figures
+    transform, figures = fitted.transform, fitted.transform.figures
     lines = [
         f"{path}: {transform.method}, {len(transform.channels)} bands to {transform.primaries},"
         f" {figures['samples']} samples under {figures['lights']} lights",
+        f"  gives {transform.quantity}, {transform.units}",
+        "",
+        "  CIEDE2000                mean   95th    max",
     ]
     for key, words in (
-        ("training_delta_e", "dE2000 on what it was fitted to"),
-        ("leave_one_light_out_delta_e", "dE2000 on lights left out"),
+        ("training_delta_e", "as fitted"),
+        ("leave_one_light_out_delta_e", "lights left out"),
     ):
         if key in figures:
             e = figures[key]
+            worst = f"  worst: {e['worst_light']}" if "worst_light" in e else ""
             lines.append(
-                f"  {words}: mean {e['mean']:.2f}, 95th percentile {e['p95']:.2f},"
-                f" max {e['max']:.2f}"
+                f"    {words:<18}  {e['mean']:>6.2f} {e['p95']:>6.2f} {e['max']:>6.2f}{worst}"
             )
+    off = fitted.residuals
+    if off is not None:
+        lines += _by_light(off)
+    lines += ["", *_by_primary(fitted), ""]
     if "chosen" in figures:
-        chosen = figures["chosen"]
-        why = chosen.get("because") or "best on lights left out, noise included: " + ", ".join(
-            f"{name} {value:.2f}" for name, value in chosen["rendered_delta_e_left_out"].items()
-        )
-        strength = f" held near ridge by {chosen['strength']:g}" if "strength" in chosen else ""
-        lines.append(f"  chosen: {chosen['method']}{strength}; {why}")
-    if len(figures.get("light_delta_e", {})) <= _MOST_LIGHTS_PRINTED:
-        by_light = (f"{name} {value:.2f}" for name, value in figures["light_delta_e"].items())
-        lines.append(f"  dE2000 by light: {', '.join(by_light)}")
-    amplification = ", ".join(f"{v:.1f}" for v in figures["noise_amplification"])
-    spectral = ", ".join(f"{100 * v:.1f}" for v in figures["spectral_error"])
-    lines.append(f"  error per primary, %: {spectral}")
-    lines.append(f"  noise amplification per primary: {amplification}")
+        lines += _choice(figures["chosen"])
     lines.append(f"  condition of the bands: {figures['condition']:.0f}")
     lines += [f"  left out: {what}" for what in figures.get("left_out", [])]
     lines += [f"  to measure again: {what} dE2000" for what in figures.get("remeasure", [])]
-    lines.append(f"  unit: {transform.units}")
     return "\n".join(lines)
 
 
-_MOST_LIGHTS_PRINTED = 12
+def _by_light(off: residuals.Residuals) -> list[str]:
+    """Each light's errors as fitted, and the patches that are furthest off."""
+    width = max(18, *(len(light) for light in off.lights))
+    lines = [""]
+    for i, light in enumerate(off.lights):
+        e = off.delta_e[i][np.isfinite(off.delta_e[i])]
+        worst = ", ".join(f"{patch} {value:.2f}" for patch, value in off.worst(i, 3))
+        lines.append(
+            f"    {light:<{width}}  {e.mean():>6.2f} {np.percentile(e, 95):>6.2f} {e.max():>6.2f}"
+            f"  patches {worst}"
+        )
+    means = np.nanmean(off.delta_e, axis=0)  # a light without a whole sample is refused
+    order = [i for i in np.argsort(-means) if np.isfinite(means[i])]
+    worst = ", ".join(f"{off.patches[i]} {means[i]:.2f}" for i in order[:6])
+    return [*lines, "", f"  patches furthest off, mean over the lights: {worst}"]
+
+
+def _by_primary(fitted: Fitted) -> list[str]:
+    """A table of the primaries: where they lie, how far off they are, what they do to noise."""
+    transform, figures = fitted.transform, fitted.transform.figures
+    rows = (
+        ("  primary", [f"P{i + 1}" for i in range(len(transform.matrix))]),
+        ("    peak, nm", [f"{v:.0f}" for v in transform.peaks_nm]),
+        ("    error, %", [f"{100 * v:.1f}" for v in figures["spectral_error"]]),
+        ("    noise, times that of a band", [f"{v:.1f}" for v in figures["noise_amplification"]]),
+    )
+    return [f"{head:<32}" + "".join(f"{cell:>7}" for cell in cells) for head, cells in rows]
+
+
+def _choice(chosen: Mapping[str, Any]) -> list[str]:
+    """Which method "delta-e" came to, and why."""
+    strength = f" held near ridge by {chosen['strength']:g}" if "strength" in chosen else ""
+    if "because" in chosen:
+        return [f"  chosen: {chosen['method']}{strength}; {chosen['because']}"]
+    tried = ", ".join(
+        f"{f'held by {name}' if name.isdigit() else name} {value:.2f}"
+        for name, value in chosen["rendered_delta_e_left_out"].items()
+    )
+    return [
+        f"  chosen: {chosen['method']}{strength}, the least dE2000 of rendered colours on lights",
+        f"    left out, noise included: {tried}",
+    ]
 
 
 def _known(method: str) -> str:
@@ -207,9 +318,9 @@ def _photograph(shots: Sequence[io.Shot]) -> Measured:
         raise error.at(shots[0].path.parent) from None
 
 
-def _found(images: Sequence[Measured], light: Light) -> chart.Patches:
+def _found(images: Sequence[Measured], light: Light, kind: str) -> charts.Patches:
     try:
-        return chart.find([image.values for image in images])
+        return chart_finder.find([image.values for image in images], kind)
     except InputError as error:
         raise error.at(light.radiance_csv.parent) from None
 
@@ -218,24 +329,19 @@ def _seen(session: Session, light: Light, shots, left_out: list[str]):
     """Mean signals (n, B) of the patches under a light, and the variance of those means."""
     try:
         images = [_photograph(shots[light.name, name]) for name in session.filters]
-        patches = session.patches or _found(images, light)
+        patches = session.patches or _found(images, light, session.chart)
         seen = [
-            chart.patch_signals(image.values, image.valid, patches, image.variance)
+            charts.patch_signals(image.values, image.valid, patches, image.variance)
             for image in images
         ]
         signals = np.concatenate([s.mean for s in seen], axis=1)
         variances = np.concatenate([s.mean_variance for s in seen], axis=1)
         for name, of_filter in zip(session.filters, seen, strict=True):
             left_out += _left_out(of_filter, patches.names, f"under {light.name} through {name}")
-        if chart.turned(signals, light.radiance.values.T):
-            raise fault(
-                "the patches look like the readings in reverse: a chart upside down",
-                f"patch {patches.names[0]} first, as in {light.radiance_csv.name}",
-                "turn the boxes by 180 degrees, or name the readings as the chart hung",
-            )
+        _check_order(signals, patches, light, by_itself=session.patches is None)
         if light.white:
             whites = [_photograph(shots[light.name, name, "white"]) for name in session.filters]
-            shade = [chart.shading(white.values, white.valid, patches) for white in whites]
+            shade = [charts.shading(white.values, white.valid, patches) for white in whites]
             shares = np.repeat(np.stack(shade, axis=1), 3, axis=1)
             signals, variances = signals / shares, variances / shares**2
         return signals, variances
@@ -243,15 +349,39 @@ def _seen(session: Session, light: Light, shots, left_out: list[str]):
         raise error.at(light.radiance_csv.parent) from None
 
 
-def _left_out(seen: chart.PatchSignals, names: Sequence[str], where: str) -> list[str]:
-    """What of the patches cannot be used, in words."""
-    said = []
-    for why, bad in (("clips", seen.clipped), ("is uneven", seen.uneven)):
+def _check_order(signals, patches: charts.Patches, light: Light, *, by_itself: bool) -> None:
+    """Refuses patches whose signals do not follow the readings of their names."""
+    first, readings = patches.names[0], light.radiance.values.T
+    if charts.turned(signals, readings):
+        name = "name the readings from the chart's first patch on"
+        raise fault(
+            "the patches look like the readings in reverse: a chart upside down",
+            f"patch {first} first, as in {light.radiance_csv.name}",
+            name if by_itself else f"turn the places given by 180 degrees, or {name}",
+        )
+    if charts.unlike(signals, readings):
+        raise fault(
+            "the patches' signals do not follow the readings of their names",
+            f"{light.radiance_csv.name} of the same patches, under the same light",
+            "name each reading as its patch, or correct the places given",
+        )
+
+
+def _left_out(seen: charts.PatchSignals, names: Sequence[str], where: str) -> list[str]:
+    """What of the patches cannot be used, in words: patches with one fault in one sentence."""
+    said: dict[tuple[str, str], list[str]] = {}
+    for why, bad in (("clip", seen.clipped), ("are uneven", seen.uneven)):
         for name, bands in zip(names, bad, strict=True):
             if bands.any():
                 colours = ", ".join(c for c, b in zip("RGB", bands, strict=True) if b)
-                said.append(f"patch {name} {why} in {colours} {where}")
-    return said
+                said.setdefault((why, colours), []).append(name)
+    one = {"clip": "clips", "are uneven": "is uneven"}
+    return [
+        f"patch {some[0]} {one[why]} in {colours} {where}"
+        if len(some) == 1
+        else f"patches {', '.join(some)} {why} in {colours} {where}"
+        for (why, colours), some in said.items()
+    ]
 
 
 def _digests(session: Session) -> dict[str, str]:

@@ -1,6 +1,6 @@
 """A calibration folder: a chart photographed under several lights, with what it sent measured.
 
-calibration.toml                  optional
+calibration.toml                  optional: chart, method, primaries; patches or corners
 A/cyan/*.dng  A/yellow/*.dng      the chart under light A, one folder a filter
 A/radiance.csv                    spectral radiance of each patch, W/(sr m2 nm)
 A/white/cyan/*.dng  ...           optional: an even white in the chart's place, the light unmoved
@@ -13,7 +13,7 @@ Where each patch was read where it hangs, signals and readings agree already: le
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -57,7 +57,7 @@ class Session:
     filters      their names, in order
     chart        one of calibration.chart.CHARTS
     patches      where the patches lie in the photographs; None: find them
-    patches_csv  where that was read; None likewise
+    patches_csv  where that was read; None: by corners, or find them
     primaries    the set to fit to: a name, or a folder's path
     method       one of calibration.fit.METHODS
     """
@@ -84,24 +84,17 @@ def read_session(folder: str | Path) -> Session:
         raise fault("no such folder", "a folder of chart photographs", "correct the path", folder)
     problems: list[Problem] = []
     settings = _settings(folder / SETTINGS_FILE, problems)
-    kind = settings.get("chart", "colorchecker24")
+    kind = settings.chart
     names = charts.CHARTS[kind]
     patches, patches_csv = None, None
-    if "patches" in settings:
-        patches_csv = folder / settings["patches"]
-        try:
+    try:
+        if settings.patches is not None:
+            patches_csv = settings.patches
             patches = charts.read_boxes(patches_csv, names)
-        except InputError as error:
-            problems.extend(error.problems)
-    elif kind != "colorchecker24":
-        problems.append(
-            Problem(
-                f"no places of the patches of {kind}",
-                'patches = "patch_boxes.csv" with patch,x0,y0,x1,y1 in px',
-                "give them: only colorchecker24 is found by itself",
-                folder / SETTINGS_FILE,
-            )
-        )
+        elif settings.corners is not None:
+            patches = charts.from_corners(settings.corners, kind)
+    except InputError as error:
+        problems.extend(error.at(folder / SETTINGS_FILE).problems)
     lights = [
         light for sub in _folders(folder) if (light := _light(sub, names, problems)) is not None
     ]
@@ -116,8 +109,8 @@ def read_session(folder: str | Path) -> Session:
         chart=kind,
         patches=patches,
         patches_csv=patches_csv,
-        primaries=_primaries(folder, settings.get("primaries", primaries.DEFAULT)),
-        method=settings.get("method", fit.CHART_METHOD),
+        primaries=_primaries(folder, settings.primaries),
+        method=settings.method,
     )
 
 
@@ -126,21 +119,49 @@ def _primaries(folder: Path, wanted: str) -> str:
     return wanted if wanted in primaries.NAMES else str(folder / wanted)
 
 
-def _settings(path: Path, problems: list[Problem]) -> dict[str, str]:
+@dataclass(frozen=True)
+class _Settings:
+    """What calibration.toml says; a wrong value is its default.
+
+    chart      one of CHARTS
+    method     one of calibration.fit.METHODS
+    primaries  a set's name, or a folder relative to the file
+    patches    CSV of the patches' boxes; None: not given
+    corners    of the chart, see calibration.chart.from_corners; None: not given
+    """
+
+    chart: str = charts.COLORCHECKER24
+    method: str = fit.CHART_METHOD
+    primaries: str = primaries.DEFAULT
+    patches: Path | None = None
+    corners: list[tuple[float, float]] | None = None
+
+
+def _settings(path: Path, problems: list[Problem]) -> _Settings:
     """calibration.toml as far as it is right."""
+    default = _Settings()
     if not path.is_file():
-        return {}
+        return default
     table = Table(read_toml(path), problems, path)
-    choices = {"chart": CHARTS, "method": fit.METHODS, "patches": None, "primaries": None}
-    good = {}
-    for key, allowed in choices.items():
-        value = table.text(key)
-        if value is not None and allowed is not None and value not in allowed:
-            table.wrong(key, repr(value), " or ".join(allowed), "correct it")
-        elif value is not None:
-            good[key] = value
+
+    def one_of(key: str, allowed: Sequence[str], otherwise: str) -> str:
+        value = table.text(key, otherwise) or otherwise
+        if value in allowed:
+            return value
+        table.wrong(key, repr(value), " or ".join(allowed), "correct it")
+        return otherwise
+
+    settings = _Settings(
+        chart=one_of("chart", CHARTS, default.chart),
+        method=one_of("method", fit.METHODS, default.method),
+        primaries=table.text("primaries", default.primaries) or default.primaries,
+        patches=table.path("patches"),
+        corners=table.points("corners", 4),
+    )
+    if settings.patches is not None and settings.corners is not None:
+        table.wrong("corners", "given beside patches", "one of the two", "take one out")
     table.nothing_else()
-    return good
+    return settings
 
 
 def _folders(folder: Path) -> list[Path]:
@@ -172,9 +193,11 @@ def _light(folder: Path, names: tuple[str, ...], problems: list[Problem]) -> Lig
         return None
     missing = [patch for patch in names if patch not in radiance.names]
     if missing:
+        unknown = [name for name in radiance.names if name not in names]
+        instead = f", but {_listed(unknown)}" if unknown else ""
         problems.append(
             Problem(
-                f"no column for patch {', '.join(missing)}",
+                f"no column for patch {_listed(missing)}{instead}",
                 f"a column a patch, named {names[0]} to {names[-1]} as on the chart",
                 "measure them or rename the columns",
                 radiance_csv,
@@ -183,6 +206,12 @@ def _light(folder: Path, names: tuple[str, ...], problems: list[Problem]) -> Lig
         return None
     white = _filters(folder / WHITE_FOLDER) if (folder / WHITE_FOLDER).is_dir() else {}
     return Light(folder.name, files, radiance.only(names), radiance_csv, white)
+
+
+def _listed(names: Sequence[str], most: int = 6) -> str:
+    """The names with commas; of many the first, and how many more."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
 
 
 def _unequal(folder: Path, lights: list[Light], filters: tuple[str, ...]) -> Iterator[Problem]:

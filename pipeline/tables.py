@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from calibration.errors import Problem, fault
+from calibration.errors import InputError, Problem, fault
 
 _ABSENT = object()
 _LARGEST_TOML = 1 << 20  # bytes; a capture.toml of more is not one
@@ -91,6 +93,75 @@ class Table:
             )
             return None
         return tuple(map(float, value))
+
+    def points(self, key: str, count: int) -> list[tuple[float, float]] | None:
+        """A list of `count` points [x, y] in px, or None where it is absent."""
+        value = self._get(key)
+        if value is _ABSENT:
+            return None
+        good = (
+            isinstance(value, list)
+            and len(value) == count
+            and all(isinstance(point, list) and len(point) == 2 for point in value)
+            and all(
+                isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
+                for point in value
+                for x in point
+            )
+        )
+        if not good:
+            self.wrong(key, repr(value), f"a list of {count} points [x, y] in px", "correct it")
+            return None
+        return [(float(x), float(y)) for x, y in value]
+
+    def word(self, key: str) -> str | float | None:
+        """A text or a number, or None where it is absent."""
+        value = self._get(key)
+        if value is _ABSENT:
+            return None
+        if isinstance(value, str):
+            return self.text(key)
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not number or not math.isfinite(value):
+            self.wrong(key, repr(value), "a number, or a text in quotes", "correct it")
+            return None
+        return float(value)
+
+    def vector(self, key: str, unit: str) -> tuple[float, float, float] | None:
+        """A list [x, y, z], or None where it is absent."""
+        value = self._get(key)
+        if value is _ABSENT:
+            return None
+        good = (
+            isinstance(value, list)
+            and len(value) == 3
+            and all(
+                isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
+                for x in value
+            )
+        )
+        if not good:
+            self.wrong(key, repr(value), f"[x, y, z] in {unit}", "correct it")
+            return None
+        x, y, z = map(float, value)
+        return x, y, z
+
+    def raw(self, key: str) -> Any:
+        """A value of any kind as tomllib gives it, or None where it is absent."""
+        value = self._get(key)
+        return None if value is _ABSENT else value
+
+    @contextmanager
+    def noting(self, key: str) -> Iterator[None]:
+        """Notes an InputError about a key instead of raising it."""
+        try:
+            yield
+        except InputError as error:
+            name = ".".join(filter(None, (self.where, key)))
+            for p in error.problems:
+                where = f"{p.file}: " if p.file is not None else ""
+                found = f"{name}: {where}{p.found}"
+                self.problems.append(Problem(found, p.expected, p.remedy, self.file))
 
     def table(self, key: str) -> Table:
         value = self._get(key)

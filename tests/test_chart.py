@@ -1,13 +1,9 @@
-from pathlib import Path
-
+import chart_photograph
 import numpy as np
 import pytest
 
 from calibration import chart, sets
 from calibration.errors import InputError
-from calibration.spectra import WAVELENGTHS
-
-RAW = Path(__file__).parents[2] / "shared" / "data" / "raw" / "colorchart.dng"
 
 
 def boxes_file(tmp_path, change=lambda rows: rows):
@@ -23,93 +19,6 @@ def boxes_file(tmp_path, change=lambda rows: rows):
 @pytest.fixture
 def grid(tmp_path):
     return chart.read_boxes(boxes_file(tmp_path))
-
-
-def photograph(light="D50", cut_nm=0.0, to_image=None, size=(480, 640), seed=0):
-    """A ColorChecker on a grey table through a camera and a filter that cuts the short end.
-
-    to_image  homography from places (column 0..5, row 0..3) to px
-    """
-    import cv2
-
-    lamp = sets.lights("darling2011")[light]
-    glass = 1.0 / (1.0 + np.exp(-(WAVELENGTHS - cut_nm) / 8.0))
-    bands = sets.camera("nikon5100").values * (lamp * glass)[:, None]
-    colours = sets.surfaces("colorchecker24").values.T @ bands
-    table, frame = 0.35 * bands.sum(axis=0), 0.03 * bands.sum(axis=0)
-    image = np.broadcast_to(table, (*size, 3)).copy()
-
-    def fill(corners, colour):
-        points = np.concatenate([corners, np.ones((4, 1))], axis=1) @ to_image.T
-        outline = (points[:, :2] / points[:, 2:] - 0.5).round().astype(np.int32)
-        cv2.fillConvexPoly(image, outline, colour.tolist())
-
-    square = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
-    fill(np.array([(-0.8, -0.8), (5.8, -0.8), (5.8, 3.8), (-0.8, 3.8)]), frame)
-    for i, colour in enumerate(colours):
-        fill(0.4 * square + (i % 6, i // 6), colour)
-    image = cv2.GaussianBlur(image, (0, 0), 1.5)
-    rng = np.random.default_rng(seed)
-    bright = image.max()
-    return image + 0.01 * np.sqrt(image * bright) * rng.normal(size=image.shape), colours
-
-
-def homography(angle_deg, scale=60.0, centre=(320.0, 240.0), tilt=0.0):
-    angle = np.radians(angle_deg)
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]) * scale
-    shift = np.array(centre) - turn @ (2.5, 1.5)
-    return np.array([[*turn[0], shift[0]], [*turn[1], shift[1]], [tilt, -tilt, 1.0]])
-
-
-@pytest.mark.parametrize("angle_deg", [0, 7, 90, 180, 262])
-def test_a_chart_is_found_whichever_way_it_lies(angle_deg):
-    to_image = homography(angle_deg, tilt=0.01)
-    image, _ = photograph(to_image=to_image)
-    found = chart.find([image])
-    places = np.array([(i % 6, i // 6, 1.0) for i in range(24)]) @ to_image.T
-    expected = places[:, :2] / places[:, 2:]
-    off = np.hypot(*(found.corners.mean(axis=1) - expected).T)
-    assert found.names == chart.PATCHES
-    assert off.max() < 0.1 * 60.0  # a tenth of a step: well inside the patch
-
-
-@pytest.mark.parametrize("light", ["A", "D75", "F11"])
-def test_a_chart_is_found_through_filters_under_coloured_light(light):
-    cyan, _ = photograph(light, to_image=homography(3))
-    cyan = cyan * [0.05, 0.8, 1.0]
-    yellow, colours = photograph(light, cut_nm=500.0, to_image=homography(3))
-    found = chart.find([cyan, yellow])
-    got = chart.patch_signals(yellow, np.ones(yellow.shape[:2]), found)
-    np.testing.assert_allclose(got.mean, colours, rtol=0.05, atol=0.01 * colours.max())
-
-
-def test_a_chart_with_clipped_pixels_is_found():
-    image, colours = photograph(to_image=homography(0))
-    image[image > 0.8 * colours[18]] = np.nan  # the white patch, in all bands
-    found = chart.find([image.astype(np.float32)])
-    got = chart.patch_signals(image, np.ones(image.shape[:2]), found)
-    assert got.clipped[18].all()
-    assert not got.clipped[19:].any()
-
-
-def test_what_is_no_chart_is_refused_and_boxes_asked_for():
-    noise = np.random.default_rng(1).random((300, 400, 3))
-    image, _ = photograph(to_image=homography(0))
-    for wrong in (noise, image[:, ::-1]):  # a mirrored chart is none
-        with pytest.raises(InputError, match=r"patch_boxes\.csv"):
-            chart.find([wrong])
-
-
-@pytest.mark.skipif(not RAW.is_file(), reason="the real photograph is not beside the checkout")
-def test_the_chart_in_a_real_photograph_is_found():
-    rawpy = pytest.importorskip("rawpy")
-    with rawpy.imread(str(RAW)) as raw:
-        mosaic = raw.raw_image_visible.astype(np.float32) - 2056.0
-    rgb = np.stack([mosaic[::2, ::2], mosaic[::2, 1::2], mosaic[1::2, 1::2]], axis=-1)
-    middle = chart.find([rgb]).corners.mean(axis=1)
-    # The corner patches as read off the picture by eye.
-    by_eye = np.array([(357, 313), (626, 307), (350, 465), (629, 461)])
-    np.testing.assert_allclose(middle[[0, 5, 18, 23]], by_eye, atol=5)
 
 
 def test_a_flat_patch_has_its_value_and_its_noise(grid):
@@ -218,12 +127,58 @@ def test_a_white_in_the_charts_place_shows_how_the_light_falls(grid):
         chart.shading(white, np.ones((80, 120)), grid)
 
 
+@pytest.mark.parametrize("kind", chart.CHARTS)
 @pytest.mark.parametrize("light", ["A", "D65", "F11"])
-def test_a_chart_upside_down_is_told_by_its_readings(light):
-    spectra = sets.surfaces("colorchecker24").values.T * sets.lights("darling2011")[light]
-    signals = spectra @ sets.camera("nikon5100").values
+@pytest.mark.parametrize("bands", [[0, 1, 2], [0], [2]], ids=["all", "red", "blue"])
+def test_a_chart_upside_down_is_told_by_its_readings(kind, light, bands):
+    spectra = chart_photograph.reflectances(kind) * sets.lights("darling2011")[light]
+    signals = (spectra @ sets.camera("nikon5100").values)[:, bands]
     assert not chart.turned(signals, spectra)
+    assert not chart.unlike(signals, spectra)
     assert chart.turned(signals[::-1], spectra)
+    assert chart.unlike(signals[::-1], spectra)
+
+
+@pytest.mark.parametrize("kind", chart.CHARTS)
+def test_readings_in_another_order_are_unlike_the_patches(kind):
+    columns, rows = chart.GRIDS[kind]
+    spectra = chart_photograph.reflectances(kind) * sets.lights("darling2011")["D50"]
+    signals = spectra @ sets.camera("nikon5100").values
+    down_the_columns = np.arange(rows * columns).reshape(rows, columns).T.ravel()
+    mirrored = np.arange(rows * columns).reshape(rows, columns)[:, ::-1].ravel()
+    for order in (down_the_columns, mirrored, np.roll(np.arange(rows * columns), 1)):
+        assert chart.unlike(signals, spectra[order])
+        assert not chart.turned(signals, spectra[order])
+    signals[11:] = np.nan  # a handful cannot tell
+    assert not chart.unlike(signals, spectra[down_the_columns])
+
+
+@pytest.mark.parametrize("kind", chart.CHARTS)
+def test_patches_lie_between_the_corners_given(kind):
+    to_image = chart_photograph.homography(8, scale=30.0, tilt=0.01, kind=kind)
+    corners = chart.mapped(to_image, chart.outline(kind))
+    found = chart.from_corners(corners, kind)
+    assert found.names == chart.CHARTS[kind]
+    np.testing.assert_allclose(
+        found.corners.mean(axis=1), chart_photograph.centres(to_image, kind), atol=0.1
+    )
+    # What is read is the middle half of each patch: a quarter of its area.
+    sides = np.linalg.norm(np.roll(found.corners, -1, axis=1) - found.corners, axis=-1)
+    places = np.linalg.norm(np.diff(chart_photograph.centres(to_image, kind)[:2], axis=0))
+    assert sides[0, 0] == pytest.approx(0.5 * chart.PATCH_SHARE[kind] * places, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "corners",
+    [
+        [(0, 0), (0, 40), (60, 40), (60, 0)],  # anticlockwise: mirrored
+        [(0, 0), (60, 40), (60, 0), (0, 40)],  # crossed
+        [(0, 0), (30, 0), (60, 0), (0, 40)],  # no quadrilateral
+    ],
+)
+def test_corners_that_no_chart_has_are_refused(corners):
+    with pytest.raises(InputError, match="patches A1, N1, N10, A10 in that order"):
+        chart.from_corners(corners, chart.COLORCHECKER_SG)
 
 
 def test_an_sg_chart_has_its_own_boxes(tmp_path):

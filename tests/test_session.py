@@ -1,11 +1,13 @@
 import numpy as np
 import pytest
 
+from calibration import chart
 from calibration.errors import InputError
 from calibration.spectra import WAVELENGTHS, Spectra, write_spectra
 from pipeline import session
 
 NAMES = tuple(str(i) for i in range(1, 25))
+ROWS = [f"{i},{10 * i},0,{10 * i + 8},8" for i in range(1, 25)]  # of boxes
 
 
 @pytest.fixture
@@ -35,12 +37,11 @@ def test_a_folder_needs_no_settings(folder):
     assert got.channels == ("cyan.R", "cyan.G", "cyan.B", "yellow.R", "yellow.G", "yellow.B")
     assert [p.name for p in got.lights[0].files["cyan"]] == ["1.dng", "2.dng"]
     assert got.lights[0].radiance.names == NAMES
-    assert (got.patches, got.primaries, got.method) == (None, "darling2011", "delta-e")
+    assert (got.patches, got.primaries, got.method) == (None, "signed6", "delta-e")
 
 
 def test_settings_are_read(folder):
-    rows = [f"{i},{10 * i},0,{10 * i + 8},8" for i in range(1, 25)]
-    (folder / "patch_boxes.csv").write_text("\n".join(["patch,x0,y0,x1,y1", *rows]))
+    (folder / "patch_boxes.csv").write_text("\n".join(["patch,x0,y0,x1,y1", *ROWS]))
     (folder / "calibration.toml").write_text(
         'chart = "colorchecker24"\npatches = "patch_boxes.csv"\nmethod = "pinv"\n'
         'primaries = "mine"\n'
@@ -71,7 +72,7 @@ def test_everything_wrong_is_said_at_once(folder):
     for what in (
         "calibration.toml: chart is 'sg' (expected colorchecker24 or colorchecker-sg)",
         "method is 'best' (expected pinv or ridge or delta-e",
-        "none.csv: no such file",
+        "patches is 'none.csv', which is not there",
         "light is not known here",
         "line 3, column '1': empty",
     ):
@@ -118,8 +119,50 @@ def test_a_white_is_apart_from_the_filters_and_whole_or_refused(folder):
     assert got.lights[1].white == {}
 
 
-def test_a_chart_that_is_not_found_by_itself_needs_its_places(folder):
+def test_an_sg_needs_no_places_but_readings_of_all_its_patches(folder):
     (folder / "calibration.toml").write_text('chart = "colorchecker-sg"\n')
     said = refused(folder)
-    assert "no places of the patches of colorchecker-sg" in said
-    assert "no column for patch A1" in said
+    assert "no column for patch A1, B1, C1, D1, E1, F1 and 134 more, but 1, 2, 3" in said
+    names = chart.CHARTS["colorchecker-sg"]
+    for light in ("A", "D65"):
+        radiance = Spectra(WAVELENGTHS, names, np.full((36, 140), 0.02))
+        write_spectra(folder / light / "radiance.csv", radiance)
+    got = session.read_session(folder)
+    assert (got.chart, got.patches) == ("colorchecker-sg", None)
+
+
+def test_a_chart_may_be_given_by_its_corners(folder):
+    (folder / "calibration.toml").write_text(
+        "corners = [[10, 10], [590.0, 10], [590, 390], [10, 390]]\n"
+    )
+    got = session.read_session(folder)
+    assert got.patches.names == NAMES
+    middles = got.patches.corners.mean(axis=1)
+    # Six patches of .8 and five gaps of .2 in 580 px: a place is 100 px.
+    np.testing.assert_allclose(middles[0], [50, 50], atol=1e-3)
+    np.testing.assert_allclose(middles[23], [550, 350], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        ("corners = [[1, 2], [3, 4], [5, 6]]", "a list of 4 points [x, y] in px"),
+        ("corners = [1, 2, 3, 4]", "a list of 4 points [x, y] in px"),
+        ("corners = [[0, 0], [0, 9], [9, 9], [9, 0]]", "that do not go clockwise"),
+        ('patches = "../boxes.csv"', "a path inside the capture's folder"),
+    ],
+)
+def test_corners_and_patches_that_cannot_be_are_refused(folder, settings, says):
+    (folder / "calibration.toml").write_text(settings)
+    said = refused(folder)
+    assert said.startswith(f"{folder / 'calibration.toml'}: ")
+    assert says in said
+    assert len(said.splitlines()) == 1
+
+
+def test_corners_and_patches_are_not_both_given(folder):
+    (folder / "boxes.csv").write_text("\n".join(["patch,x0,y0,x1,y1", *ROWS]))
+    (folder / "calibration.toml").write_text(
+        'patches = "boxes.csv"\ncorners = [[0, 0], [60, 0], [60, 40], [0, 40]]\n'
+    )
+    assert "corners is given beside patches" in refused(folder)

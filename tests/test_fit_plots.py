@@ -1,0 +1,72 @@
+import sys
+
+import cv2
+import numpy as np
+import pytest
+import small_capture
+from chart_photograph import reflectances
+
+from calibration import chart, fit, primaries, residuals, sets
+from calibration.bands import sensitivities
+from calibration.errors import InputError
+from pipeline import fit_plots
+from pipeline.fitting import Fitted
+
+pytest.importorskip("matplotlib", reason="the extra `plots` is not installed")
+
+LIGHTS = ("A", "D65")
+SIGNED = primaries.load("signed6")
+
+
+def fitted(kind=chart.COLORCHECKER24):
+    """M_S from a chart whose signals are known, one of them left out."""
+    channels, bands = sensitivities(small_capture.sensitivities(), small_capture.transmittances())
+    read = {k: reflectances(kind) * sets.lights("darling2011")[k] for k in LIGHTS}
+    seen = {k: v @ bands for k, v in read.items()}
+    seen["A"][3] = np.nan
+    transform = fit.fit(
+        np.concatenate(list(seen.values())),
+        np.concatenate(list(read.values())),
+        primaries=SIGNED,
+        channels=channels,
+        groups=[k for k in LIGHTS for _ in read[k]],
+        method="ridge",
+    )
+    return Fitted(transform, SIGNED, chart=residuals.Chart.of(seen, read, chart.CHARTS[kind]))
+
+
+@pytest.mark.parametrize("kind", chart.CHARTS)
+def test_four_pictures_show_a_chart_fit(tmp_path, kind):
+    paths = fit_plots.draw(fitted(kind), tmp_path / "plots")
+    assert [path.name for path in paths] == list(fit_plots.PICTURES)
+    assert sorted(p.name for p in (tmp_path / "plots").iterdir()) == sorted(fit_plots.PICTURES)
+    for path in paths:
+        picture = cv2.imread(str(path))
+        assert min(picture.shape[:2]) > 300
+        assert np.ptp(picture) == 255
+    # Each patch is shown in its colour: the chart's red, where it was read under daylight.
+    rgb = cv2.imread(str(paths[0]))[..., ::-1].astype(int)
+    if kind == chart.COLORCHECKER24:
+        assert np.any(np.abs(rgb - (178, 50, 60)).max(axis=-1) < 16)
+
+
+def test_known_curves_need_no_chart_and_pictures_of_others_are_kept(tmp_path):
+    _, bands = sensitivities(small_capture.sensitivities(), small_capture.transmittances())
+    known = Fitted(fitted().transform, SIGNED, bands=bands)
+    assert [path.name for path in fit_plots.draw(known, tmp_path)] == ["curves.png", "noise.png"]
+    fit_plots.check(tmp_path, force=False)  # our own are replaced
+    (tmp_path / "noise.png").write_text("a diary")
+    with pytest.raises(InputError, match=r"noise\.png: exists and is not ours"):
+        fit_plots.check(tmp_path, force=False)
+    fit_plots.check(tmp_path, force=True)
+
+
+def test_without_matplotlib_the_command_to_install_it_is_said_before_any_work(
+    sixlight, tmp_path, monkeypatch
+):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    outcome = sixlight("fit", tmp_path / "nowhere", "--plots", tmp_path / "plots")
+    assert outcome.status == 2
+    assert "pip install 'sixlight[plots]'" in outcome.err
+    assert len(outcome.err.splitlines()) == 1
+    assert not (tmp_path / "plots").exists()
