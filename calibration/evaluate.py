@@ -108,7 +108,7 @@ def tables(
     """All rows of all tables; what is not given has its default.
 
     surfaces, lights   to try the methods on, in place of the sets of each table
-    sets_of_primaries  for every table; default: the paper's and the program's own in tables 1
+    sets_of_primaries  for every table; default: the program's own and the paper's in tables 1
                        and 2, all that ship in the others
     camera, filters    for table 2: see `fit.sensitivities`; default `default_camera`
     """
@@ -263,7 +263,7 @@ def _label(method: Method | Row) -> str:
 
 
 def _few_sets() -> list[Primaries]:
-    return [primaries.load(n) for n in dict.fromkeys(("darling2011", primaries.DEFAULT))]
+    return [primaries.load(n) for n in dict.fromkeys((primaries.DEFAULT, "darling2011"))]
 
 
 def _every_set() -> list[Primaries]:
@@ -294,19 +294,7 @@ def _test_lamps() -> list[Trial]:
 
 def _other_surfaces() -> list[Trial]:
     """The samples of the colour rendering index and of NIST's colour quality scale."""
-    return [
-        Trial("cri14", _rendering_samples("SDS_TCS", "CIE 1995")),
-        Trial("cqs15", _rendering_samples("SDS_VS", "NIST CQS 9.0")),
-    ]
-
-
-def _rendering_samples(table: str, edition: str) -> Spectra:
-    samples = getattr(sets._colour().quality, table)[edition]
-    columns = [
-        Spectra(one.wavelengths, (name,), one.values[:, None]).resampled().values
-        for name, one in samples.items()
-    ]
-    return Spectra(WAVELENGTHS, tuple(samples), np.concatenate(columns, axis=1))
+    return [Trial(name, sets.surfaces(name)) for name in ("cri14", "cqs15")]
 
 
 # ---- rows

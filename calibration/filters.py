@@ -119,6 +119,13 @@ def _check(trial: _Trial, count: int, beside: Iterable[tuple[str, ...]]) -> None
             f"{count} or more",
             "add candidates, or check that their values are fractions",
         )
+    if len(trial.light) < 2:
+        raise fault(
+            "a single light to judge by",
+            "two or more: each is left out of the fit in turn",
+            "add lights, or leave --lights out",
+            "--lights",
+        )
     for name in (name for combination in beside for name in combination):
         if name not in names:
             raise fault(

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import itertools
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -42,6 +43,11 @@ _ROUNDS = 6
 
 # A Gaussian narrower than this lies between two wavelengths 10 nm apart; the paper's has 4.3.
 _NARROWEST_NM = 4.0
+
+_PEAKS_WITHIN_NM = (425.0, 660.0)  # what eyes see lies around peaks in here
+# Of a light's mean: less is no light at all. A three-part LED has .01 in its darkest sixth, a
+# candle .06, a low-pressure sodium lamp 0.
+_DARK = 0.002
 
 Progress = Callable[[int, int], None]
 
@@ -334,7 +340,7 @@ _BENDING = _bending()
 
 def _random_gaussians(rng, channels: int) -> NDArray[np.float64]:
     """Curves (36, P) whose peaks leave no large part of what eyes see without one."""
-    edges = np.linspace(425.0, 660.0, channels + 1)
+    edges = np.linspace(*_PEAKS_WITHIN_NM, channels + 1)
     peaks = np.sort(edges[:-1] + rng.uniform(-0.3, 1.3, channels) * np.diff(edges))
     return gaussians(peaks, rng.uniform(9.0, 22.0, channels))
 
@@ -393,6 +399,15 @@ def _dealt(rng, groups: NDArray[np.intp], folds: int) -> NDArray[np.intp]:
     return fold
 
 
+def _ranges(channels: int) -> list[NDArray[np.bool_]]:
+    """Masks (36,) of the wavelengths that each of so many channels is about.
+
+    Of more than six, those of six: three-part lamps leave narrower ranges dark, rightly.
+    """
+    edges = np.linspace(*_PEAKS_WITHIN_NM, min(channels, 6) + 1)
+    return [(low <= WAVELENGTHS) & (high >= WAVELENGTHS) for low, high in itertools.pairwise(edges)]
+
+
 def _check_training(lights: Spectra, surfaces: Spectra, channels: int) -> None:
     problems = []
     if not 3 <= channels <= 12:
@@ -407,6 +422,18 @@ def _check_training(lights: Spectra, surfaces: Spectra, channels: int) -> None:
                         "correct it, or leave it out",
                     )
                 )
+    ranges = _ranges(channels)
+    for name, values in zip(lights.names, lights.values.T, strict=True):
+        darkest = min(ranges, key=lambda band: values[band].max())
+        if values[darkest].max() < _DARK * values.mean():
+            first, last = WAVELENGTHS[darkest][[0, -1]]
+            problems.append(
+                Problem(
+                    f"the light {name!r} has nothing from {first:.0f} to {last:.0f} nm",
+                    "some power in the range of every channel, or nothing tells what it should be",
+                    "leave it out, or mix it with the light it is used with",
+                )
+            )
     for name, values in zip(surfaces.names, surfaces.values.T, strict=True):
         if values.max() > 2.0:
             problems.append(

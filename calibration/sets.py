@@ -50,6 +50,8 @@ SURFACES = {
     "colorchecker24": "the ColorChecker's patches 1-24, averaged over many (BabelColor)",
     "ces99": "the 99 colour evaluation samples of CIE 224:2017",
     "rawtoaces190": "the 190 training patches of ACES' rawtoaces",
+    "cri14": "the 14 samples of the colour rendering index (CIE 13.3-1995)",
+    "cqs15": "the 15 samples of NIST's colour quality scale (Davis and Ohno 2010, version 9.0)",
     "white": "a perfect reflector",
 }
 CAMERAS = {"nikon5100": "Nikon D5100, R G B, measured by NPL (Darrodi et al. 2015)"}
@@ -373,6 +375,18 @@ def _rawtoaces190() -> Spectra:
     return Spectra(WAVELENGTHS, tuple(patches.labels), values)
 
 
+@functools.cache
+def _cri14() -> Spectra:
+    samples = _colour().quality.SDS_TCS["CIE 1995"]
+    return _of(samples, samples)
+
+
+@functools.cache
+def _cqs15() -> Spectra:
+    samples = _colour().quality.SDS_VS["NIST CQS 9.0"]
+    return _of(samples, samples)
+
+
 def _white() -> Spectra:
     return Spectra(WAVELENGTHS, ("white",), np.ones((len(WAVELENGTHS), 1)))
 
@@ -400,6 +414,8 @@ _SURFACES: dict[str, Callable[[], Spectra]] = {
     "colorchecker24": _colorchecker24,
     "ces99": _ces99,
     "rawtoaces190": _rawtoaces190,
+    "cri14": _cri14,
+    "cqs15": _cqs15,
     "white": _white,
 }
 _CAMERAS: dict[str, Callable[[], Spectra]] = {"nikon5100": _nikon5100}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +15,10 @@ from calibration import filters as choice
 from calibration import primaries as known
 from calibration import sets
 from calibration.spectra import Spectra, join, read_spectra
-from pipeline.errors import InputError, Problem, fault, storing
+from pipeline.errors import InputError, fault, storing
+from pipeline.spectra_files import read_set
 
 PICTURES = ("full_spectra.png", "camera.png")
-
-# Spectra whose cosine is larger than this are one spectrum twice; noise alone makes more.
-_SAME = 1.0 - 1e-9
 
 
 def evaluate(
@@ -130,7 +128,9 @@ def _given(surfaces, lights, primaries, camera, filters) -> dict[str, Any]:
             camera or filters,
         )
     return {
-        "surfaces": [tables.Trial(surfaces.stem, _surfaces(surfaces))] if surfaces else None,
+        "surfaces": [tables.Trial(surfaces.stem, read_set(surfaces, "surface"))]
+        if surfaces
+        else None,
         "lights": [tables.Trial(lights.stem, _lights(lights))] if lights else None,
         "sets_of_primaries": [known.load(name) for name in primaries] if primaries else None,
         "camera": _camera(camera) if camera else None,
@@ -138,16 +138,9 @@ def _given(surfaces, lights, primaries, camera, filters) -> dict[str, Any]:
     }
 
 
-def _surfaces(path: Path) -> Spectra:
-    return _at(path, lambda: _distinct(read_spectra(path, "fraction")).resampled())
-
-
 def _lights(path: Path) -> Spectra:
-    def read() -> Spectra:
-        lights = _distinct(read_spectra(path, "power")).resampled()
-        return dataclasses.replace(lights, values=sets.scaled_to_unit_luminance(lights.values))
-
-    return _at(path, read)
+    lights = read_set(path, "light")
+    return dataclasses.replace(lights, values=sets.scaled_to_unit_luminance(lights.values))
 
 
 def _camera(path: Path) -> Spectra:
@@ -181,32 +174,6 @@ def _at(path: Path, read):
         return read()
     except InputError as error:
         raise error.at(path) from None
-
-
-def _distinct(spectra: Spectra) -> Spectra:
-    """The spectra, if each tells something: none constant, none there twice."""
-    problems = list(_indistinct(spectra))
-    if problems:
-        raise InputError(problems)
-    return spectra
-
-
-def _indistinct(spectra: Spectra) -> Iterator[Problem]:
-    for name, column in zip(spectra.names, spectra.values.T, strict=True):
-        if np.ptp(column) == 0.0:
-            yield Problem(
-                f"column {name!r}: {column[0]:g} at every wavelength",
-                "a measured spectrum",
-                "measure it, or take it out",
-            )
-    unit = spectra.values / np.maximum(np.linalg.norm(spectra.values, axis=0), 1e-300)
-    for j, name in enumerate(spectra.names):
-        for i in np.flatnonzero(unit[:, :j].T @ unit[:, j] > _SAME):
-            yield Problem(
-                f"column {name!r} is {spectra.names[i]!r} again",
-                "each spectrum once",
-                "take one of them out",
-            )
 
 
 # ---- pictures

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from calibration import optimise, sets
-from calibration.errors import fault
+from calibration.errors import InputError, fault
 from calibration.primaries import Primaries
-from calibration.spectra import Spectra, read_spectra
+from pipeline.spectra_files import read_set
 
 
 def new_set(
@@ -31,18 +31,19 @@ def new_set(
     """
     if kind not in optimise.KINDS:
         raise fault(f"kind {kind!r}", " or ".join(optimise.KINDS), "choose one", "--kind")
-    return optimise.new_set(
-        _read(lights, "power") or sets.lights(optimise.TRAINING_LIGHTS),
-        _read(surfaces, "fraction") or sets.surfaces(optimise.TRAINING_SURFACES),
-        name=name,
-        channels=channels,
-        kind=kind,
-        starts=starts,
-        smoothing=optimise.SMOOTHING if smoothing is None else smoothing,
-        seed=seed,
-        progress=lambda done, of: progress(f"{done} of {of}"),
-    )[0]
-
-
-def _read(path: Path | None, kind: str) -> Spectra | None:
-    return None if path is None else read_spectra(path, kind).resampled()
+    under = read_set(lights, "light") if lights else sets.lights(optimise.TRAINING_LIGHTS)
+    on = read_set(surfaces, "surface") if surfaces else sets.surfaces(optimise.TRAINING_SURFACES)
+    try:
+        return optimise.new_set(
+            under,
+            on,
+            name=name,
+            channels=channels,
+            kind=kind,
+            starts=starts,
+            smoothing=optimise.SMOOTHING if smoothing is None else smoothing,
+            seed=seed,
+            progress=lambda done, of: progress(f"{done} of {of}"),
+        )[0]
+    except InputError as error:
+        raise error.at(lights or surfaces or "--channels") from None

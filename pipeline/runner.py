@@ -7,6 +7,7 @@ when it was made, and the file is still what was written then; that it exists pr
 from __future__ import annotations
 
 import fcntl
+import itertools
 import json
 import os
 import platform
@@ -25,7 +26,7 @@ from pipeline.capture import Capture
 from pipeline.errors import fault, storing
 from pipeline.progress import Progress
 from pipeline.settings import Settings
-from pipeline.steps import STEPS, Step
+from pipeline.steps import STEPS, Step, files_of
 
 _LIBRARIES = [
     "colour-science",
@@ -136,6 +137,7 @@ def _alone(out: Path) -> Iterator[None]:
 def _plan(capture: Capture, out: Path, settings: Settings) -> list[_Task]:
     """The steps this capture needs, with the names of their files filled in."""
     tasks = []
+    channels = 0 if capture.transform is None else len(capture.transform.matrix)
     for step in STEPS:
         if step.calibrated and capture.transform is None:
             continue
@@ -145,17 +147,16 @@ def _plan(capture: Capture, out: Path, settings: Settings) -> list[_Task]:
             for name in step.reads:
                 if name == "raw":
                     reads += [(f"raw {s.path.name}", s.path) for s in f.shots]
-                elif "{filter}" in name:
-                    filled = [name.format(filter=n) for n in only]
-                    reads += [(n, out / n) for n in filled]
                 else:
-                    reads.append((name, out / name))
+                    files = files_of(name, filters=only, channels=channels)
+                    reads += [(file, out / file) for file in files]
+            makes = [files_of(name, filters=only, channels=channels) for name in step.makes]
             tasks.append(
                 _Task(
                     step,
                     f"{step.name} {f.name}" if step.for_each else step.name,
                     tuple(reads),
-                    tuple(name.format(filter=f.name) for name in step.makes),
+                    tuple(itertools.chain.from_iterable(makes)),
                     step.given(capture, settings, i),
                 )
             )
@@ -181,16 +182,22 @@ def _key(task: _Task, digests: dict[Path, str]) -> str:
 
 def _current(task: _Task, key: str, out: Path) -> dict[str, Any] | None:
     """The stamp of a task whose results are current, else None."""
-    try:
-        stamp = json.loads((out / task.stamp).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-    if stamp.get("key") != key:
+    stamp = _stamp(task, out)
+    if stamp is None or stamp.get("key") != key:
         return None
     for name, expected in stamp["made"].items():
         path = out / name
         if not path.is_file() or digest.of_file(path) != expected:
             return None
+    return stamp
+
+
+def _stamp(task: _Task, out: Path) -> dict[str, Any] | None:
+    """What is known of the task's last results; None where there are none."""
+    try:
+        stamp: dict[str, Any] = json.loads((out / task.stamp).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
     return stamp
 
 
@@ -214,10 +221,19 @@ def _make(task: _Task, key: str, out: Path) -> dict[str, Any]:
         with storing(out):
             for name, written in zip(task.makes, writes, strict=True):
                 os.replace(written, out / name)
+            _clear_away(_stamp(task, out), made, out)
             os.replace(stamp_file, out / task.stamp)
     finally:
         shutil.rmtree(beside, ignore_errors=True)
     return stamp
+
+
+def _clear_away(before: Mapping[str, Any] | None, made: Mapping[str, str], out: Path) -> None:
+    """Removes what a step made before and no longer makes: maps of channels there are no more."""
+    for name, expected in (before or {}).get("made", {}).items():
+        path = out / name
+        if name not in made and path.is_file() and digest.of_file(path) == expected:
+            path.unlink()
 
 
 def _store_json(path: Path, content: Any, out: Path) -> None:
@@ -234,6 +250,15 @@ def _store_json(path: Path, content: Any, out: Path) -> None:
         beside.unlink(missing_ok=True)
 
 
+def _found(tasks: Sequence[_Task], stamps: Sequence[Mapping[str, Any]]) -> list[str]:
+    """What the steps found that the user should know."""
+    return [
+        f"{task.name.split(' ')[-1]}: {note}"
+        for task, stamp in zip(tasks, stamps, strict=True)
+        for note in stamp["learnt"].get("notes", ())
+    ]
+
+
 def _result(
     capture: Capture,
     settings: Settings,
@@ -246,7 +271,7 @@ def _result(
     return {
         "name": capture.name,
         "sixlight": version("sixlight"),
-        "notes": list(capture.notes),
+        "notes": list(capture.notes) + _found(tasks, stamps),
         "inputs": {
             str(shot.path.relative_to(capture.folder)): digests[shot.path] for shot in capture.shots
         },

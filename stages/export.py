@@ -18,7 +18,8 @@ _LEAST_EXACT_HALF = 6.1e-5  # below it half floats lose precision
 class Maps:
     """What renderers and viewers read.
 
-    triples  (6, N, N, 3) each, three channels beside one another, without holes, divided by scale
+    triples  (6, N, N, 3) each, three channels beside one another, without holes, divided by scale;
+             the last is 0 where there are no channels left for it
     scale    a power of two: radiance is value * scale
     latlong  (2 N, 4 N, P), with the holes of what was measured
     """
@@ -31,14 +32,23 @@ class Maps:
 def export(light: Measured) -> Maps:
     """Maps for half floats and three channels a file, and the latitude-longitude image.
 
-    light  (6, N, N, P) cubemap; P a multiple of three
+    light  (6, N, N, P) cubemap
     """
     filled = fill(light)
     scale = half_float_scale(filled)
-    channels = filled.shape[-1]
-    assert channels % 3 == 0
-    triples = tuple(filled[..., k : k + 3] / np.float32(scale) for k in range(0, channels, 3))
-    return Maps(triples, scale, latlong(light, 2 * light.values.shape[1]))
+    stored = filled / np.float32(scale)
+    maps = tuple(_three(stored[..., list(triple)]) for triple in triples(filled.shape[-1]))
+    return Maps(maps, scale, latlong(light, 2 * light.values.shape[1]))
+
+
+def triples(channels: int) -> tuple[range, ...]:
+    """The channels of each map: three at a time, and what is left."""
+    return tuple(range(k, min(k + 3, channels)) for k in range(0, channels, 3))
+
+
+def _three(values: Float) -> Float:
+    """Up to three channels (..., k) as three, the missing ones 0."""
+    return np.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, 3 - values.shape[-1])])
 
 
 def half_float_scale(values) -> float:

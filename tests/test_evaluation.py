@@ -58,10 +58,10 @@ def tables_of(files, lights):
     ("option", "values", "message"),
     [
         ("surfaces", [20.0, 60.0], r"column 'x': 60 looks like percent"),
-        ("surfaces", [0.5, 0.5], r"column 'x': 0.5 at every wavelength"),
+        ("surfaces", [0.5, 0.5], r"surface 'x' is 0.5 at every wavelength"),
         ("surfaces", [0.2, -0.4], r"column 'x': -0.4"),
         ("lights", [1.0, -1.0], r"column 'x': -1"),
-        ("lights", [1.0, 1.0], r"column 'x': 1 at every wavelength"),
+        ("lights", [1.0, 1.0], r"light 'x' is 1 at every wavelength"),
     ],
 )
 def test_bad_spectra_are_named(tmp_path, option, values, message):
@@ -79,8 +79,17 @@ def test_micrometres_and_duplicates_are_named(tmp_path):
         evaluation.evaluate(surfaces=tmp_path / "um.csv")
     twice = Spectra(WAVELENGTHS, ("x", "y"), np.stack([ramp, 3.0 * ramp], axis=1))
     write_spectra(tmp_path / "twice.csv", twice)
-    with pytest.raises(InputError, match=r"twice\.csv: column 'y' is 'x' again"):
+    with pytest.raises(InputError, match=r"twice\.csv: light 'y' is 'x' again"):
         evaluation.evaluate(lights=tmp_path / "twice.csv")
+
+
+def test_a_single_light_is_enough_to_evaluate_but_not_to_leave_out(files):
+    write_spectra(files / "lamp.csv", sets.lights("darling2011").only(["F11"]))
+    assert {row["n"] for row in tables_of(files, "lamp.csv")} == {2}
+    with pytest.raises(InputError, match=r"a single light .*two or more"):
+        evaluation.rank_filters(
+            files / "camera.csv", [files / "filters.csv"], count=1, lights=files / "lamp.csv"
+        )
 
 
 def test_a_camera_needs_its_filters(files):

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.export import export, half_float_scale
+from stages.export import export, half_float_scale, triples
 from stages.types import Measured
 
 
-def world(factor):
-    values = (factor * (1 + np.random.default_rng(9).random((6, 8, 8, 6)))).astype(np.float32)
+def world(factor, channels=6):
+    random = np.random.default_rng(9).random((6, 8, 8, channels))
+    values = (factor * (1 + random)).astype(np.float32)
     return Measured(values, values * 0, np.ones((6, 8, 8), np.float32))
 
 
@@ -21,6 +22,26 @@ def test_half_floats_hold_the_light_whatever_its_unit(factor):
     stored = np.concatenate([t.astype(np.float16) for t in maps.triples], axis=-1)
     back = stored.astype(np.float64) * maps.scale
     np.testing.assert_allclose(back, light.values, rtol=2**-11)  # half a step of 11 bits
+
+
+@pytest.mark.parametrize(
+    ("channels", "dealt"),
+    [
+        (5, [[0, 1, 2], [3, 4]]),
+        (6, [[0, 1, 2], [3, 4, 5]]),
+        (7, [[0, 1, 2], [3, 4, 5], [6]]),
+        (8, [[0, 1, 2], [3, 4, 5], [6, 7]]),
+    ],
+)
+def test_every_channel_is_in_one_map_and_what_is_left_over_is_black(channels, dealt):
+    assert [list(triple) for triple in triples(channels)] == dealt
+    light = world(1.0, channels)
+    maps = export(light)
+    assert [m.shape[-1] for m in maps.triples] == [3] * len(dealt)
+    together = np.concatenate(maps.triples, axis=-1)
+    np.testing.assert_array_equal(together[..., :channels], light.values)
+    assert (together[..., channels:] == 0).all()
+    assert maps.latlong.values.shape[-1] == channels
 
 
 def test_light_that_fits_is_stored_as_it_is():

@@ -216,6 +216,23 @@ def test_lights_that_are_none_are_refused(small, change, says):
         optimise.new_set(Spectra(WAVELENGTHS, lights.names, values), surfaces)
 
 
+def test_a_light_without_a_whole_band_is_refused_by_name(small):
+    """A low-pressure sodium lamp: one line."""
+    lights, surfaces = small
+    values = lights.values.copy()
+    values[:, 1] = WAVELENGTHS == 590.0
+    sodium = Spectra(WAVELENGTHS, (lights.names[0], "sodium", *lights.names[2:]), values)
+    with pytest.raises(InputError, match="light 'sodium' has nothing from 430 to 460 nm") as caught:
+        optimise.new_set(sodium, surfaces)
+    assert len(caught.value.problems) == 1
+
+
+def test_lamps_that_light_rooms_lack_no_band():
+    lights = sets.lights("training+leds8+places5")
+    for channels in (3, 6, 12):
+        optimise._check_training(lights, sets.surfaces("ces99"), channels)
+
+
 def test_percent_and_too_few_colours_are_refused(small):
     lights, surfaces = small
     percent = Spectra(WAVELENGTHS, surfaces.names, 100.0 * surfaces.values)

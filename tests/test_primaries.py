@@ -18,8 +18,12 @@ def folder(tmp_path, darling):
     return tmp_path / "mine"
 
 
-def test_the_papers_gaussians_are_the_default(darling):
-    assert load().digest == darling.digest
+def test_the_default_is_the_signed_set_of_six():
+    assert load().name == "signed6"
+    assert load().digest == load("signed6").digest
+
+
+def test_the_papers_primaries_are_its_gaussians(darling):
     assert darling.channels == ("P1", "P2", "P3", "P4", "P5", "P6")
     peaks, widths = [447.0, 481.5, 519.6, 543.1, 572.9, 622.4], [16.9, 4.3, 7.8, 9.4, 15.5, 18.0]
     for curve, peak, width in zip(darling.curves.T, peaks, widths, strict=True):

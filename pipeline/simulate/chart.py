@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from calibration import primaries
 from calibration.spectra import Spectra, write_spectra
 from pipeline.simulate.camera import (
     FILTER_SHIFTS,
@@ -57,7 +58,7 @@ def photograph_chart(folder: Path, camera: Camera, write: WriteShot, *, seed: in
         "# A ColorChecker under five lights, for `sixlight fit`.\n"
         'chart = "colorchecker24"\n'
         'patches = "patch_boxes.csv"\n'
-        'primaries = "darling2011"\n'
+        f'primaries = "{primaries.DEFAULT}"\n'
         'method = "delta-e"\n'
     )
     plain = np.ones((len(FINE), 1))
