@@ -25,7 +25,7 @@ WHITES = {
 
 METHODS = ("cat02", "cat16")
 
-_CONES_FROM_XYZ = {
+CONES_FROM_XYZ = {
     # N. Moroney and others, "The CIECAM02 Color Appearance Model" (2002).
     "cat02": np.array(
         [[0.7328, 0.4296, -0.1624], [-0.7036, 1.6975, 0.0061], [0.0030, 0.0136, 0.9834]]
@@ -60,7 +60,7 @@ def adapt(
         return np.eye(3)
     assert method in METHODS, method
     assert 0.0 <= degree <= 1.0, degree
-    cones_from_xyz = _CONES_FROM_XYZ[method]
+    cones_from_xyz = CONES_FROM_XYZ[method]
     cone_from, cone_to = (
         _white_cones(cones_from_xyz, white) for white in (xyz_white_from, xyz_white_to)
     )

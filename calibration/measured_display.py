@@ -39,10 +39,12 @@ class Samples:
 
     drive  (n, 3) in [0, 1] of full drive
     xyz    (n, 3) in the instrument's unit
+    full   what full drive is called in the file: 255, 1023, 1
     """
 
     drive: Array
     xyz: Array
+    full: float = 1.0
 
     @property
     def black(self) -> NDArray[np.bool_]:
@@ -72,11 +74,13 @@ class Errors:
     """CIEDE2000 between a model and measurements, the measured white as white.
 
     mean, max  of `count` samples; NaN of none
+    worst      (3,) drive of the sample with the greatest, in [0, 1]; empty of none
     """
 
     mean: float
     max: float
     count: int
+    worst: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,13 +90,28 @@ class Characterisation:
     display   the model
     fitted    errors on what it was made from: black, ramps and greys
     left_out  errors on mixed colours, which it has not seen; a count of 0 where there are none
-    inverse   errors, on all samples, of what is shown when the measured XYZ is asked for
+    inverse   errors, on all samples, of what the model shows when the measured XYZ is asked of it:
+              colours it cannot reach, as by its own account it is clipped
+    samples   the measurements
     """
 
     display: Display
     fitted: Errors
     left_out: Errors
     inverse: Errors
+    samples: Samples
+
+    @property
+    def additivity(self) -> float:
+        """Luminance of the three primaries, measured one by one, over that of the white.
+
+        Black is taken off all four. 1 where channels do not disturb each other, which the model
+        takes for granted.
+        """
+        s = self.samples
+        luminance = s.xyz[:, 1] - s.xyz[s.black, 1].mean()
+        alone = [luminance[s.ramp(c) & (s.drive[:, c] == 1)].mean() for c in range(3)]
+        return float(sum(alone) / luminance[s.white].mean())
 
 
 def characterise(samples: Samples, name: str = "measured display") -> Characterisation:
@@ -110,7 +129,7 @@ def characterise(samples: Samples, name: str = "measured display") -> Characteri
     from scipy.optimize import least_squares
 
     white_y = float(samples.xyz[samples.white, 1].mean())
-    relative = Samples(samples.drive, samples.xyz / white_y)
+    relative = Samples(samples.drive, samples.xyz / white_y, samples.full)
     white = relative.xyz[relative.white].mean(axis=0)
     black = relative.xyz[relative.black].mean(axis=0)
     full = [relative.xyz[relative.ramp(c) & (relative.drive[:, c] == 1)] for c in range(3)]
@@ -136,7 +155,13 @@ def characterise(samples: Samples, name: str = "measured display") -> Characteri
         difference = delta_e_2000(lab(relative.xyz[which], white), lab(shown[which], white))
         if not len(difference):
             return Errors(float("nan"), float("nan"), 0)
-        return Errors(float(difference.mean()), float(difference.max()), len(difference))
+        worst = relative.drive[which][np.argmax(difference)]
+        return Errors(
+            float(difference.mean()),
+            float(difference.max()),
+            len(difference),
+            tuple(map(float, worst)),
+        )
 
     forward = display.xyz(relative.drive)
     there_and_back = display.xyz(display.signal(relative.xyz))
@@ -146,6 +171,7 @@ def characterise(samples: Samples, name: str = "measured display") -> Characteri
         fitted=errors(forward, use),
         left_out=errors(forward, relative.mixed),
         inverse=errors(there_and_back, everything),
+        samples=samples,
     )
 
 
@@ -238,7 +264,7 @@ def check(table) -> Samples:
         problems.append(Problem("no drive above 0", "ramps of red, green and blue", "measure them"))
     if problems:
         raise InputError(problems)
-    samples = Samples(drive / drive.max(), xyz)
+    samples = Samples(drive / drive.max(), xyz, float(drive.max()))
     problems += _level_problems(samples, float(drive.max()))
     problems += _reading_problems(samples)
     if not problems:

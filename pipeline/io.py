@@ -9,16 +9,19 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from calibration import icc
+from calibration.display import SRGB, Display
 from pipeline.errors import InputError, Problem, fault, storing
 from stages.types import Frame, Measured, Radiance
 
@@ -161,11 +164,14 @@ def read_shot(
         )
 
 
-def read_frame(path: Path, *, time_s: float, iso: float, f_number: float) -> Frame:
-    """Decodes a raw file, whose exposure is taken as given; InputError where it is damaged."""
+@contextmanager
+def opened_frame(path: Path, *, time_s: float, iso: float, f_number: float) -> Iterator[Frame]:
+    """A decoded raw file, whose exposure is taken as given; InputError where it is damaged.
+
+    Its samples lie in LibRaw's memory and are gone with the context.
+    """
     with _opened(path) as raw:
         cfa = _cfa(raw, path)
-        samples = raw.raw_image_visible.copy()  # a view of LibRaw's memory otherwise
         # Both levels are numbered as the pattern is, where the second green is colour 3.
         pattern = np.asarray(raw.raw_pattern)
         black = np.asarray(raw.black_level_per_channel, np.float64)[pattern]
@@ -179,7 +185,13 @@ def read_frame(path: Path, *, time_s: float, iso: float, f_number: float) -> Fra
                 "check the file's metadata",
                 path,
             )
-        return Frame(samples, cfa, black, white, time_s, iso, f_number)
+        yield Frame(raw.raw_image_visible, cfa, black, white, time_s, iso, f_number)
+
+
+def read_frame(path: Path, *, time_s: float, iso: float, f_number: float) -> Frame:
+    """The same, to keep."""
+    with opened_frame(path, time_s=time_s, iso=iso, f_number=f_number) as frame:
+        return replace(frame, samples=frame.samples.copy())
 
 
 class _opened:  # noqa: N801 - used as a context manager, like open()
@@ -323,7 +335,7 @@ def write_image(path: Path, spec, pixels) -> None:
     with storing(path):
         path.touch()  # OpenImageIO would say no more than that it failed
         out = oiio.ImageOutput.create(str(path))
-        assert out is not None, "OpenImageIO without EXR or PNG"
+        assert out is not None, f"OpenImageIO without {path.suffix}"
         if not (out.open(str(path), spec) and out.write_image(pixels) and out.close()):
             said = out.geterror()
             with path.open("ab") as file:  # most often the disk is full: this says so again
@@ -364,27 +376,35 @@ def write_measured(
 ) -> None:
     """A Measured image (H, W, C) or cube (6, N, N, C) as EXR: values, `valid`, `sigma.NAME`.
 
-    The faces of a cube are stacked top to bottom.
+    The faces of a cube are stacked top to bottom. Where no variance is known at all, as of spectra
+    that came without, `sigma` is left out.
     """
-    count = len(names)
+    assert data.values.shape[-1] == len(names)
     layers = [
         data.values.reshape(-1, *data.values.shape[-2:]),
         data.valid.reshape(-1, data.values.shape[-2], 1),
-        np.sqrt(data.variance).reshape(-1, *data.variance.shape[-2:]),
     ]
-    channels = [*names, "valid", *(f"sigma.{n}" for n in names)]
-    assert data.values.shape[-1] == count
+    channels = [*names, "valid"]
+    if not np.isnan(data.variance).all():
+        layers.append(np.sqrt(data.variance).reshape(-1, *data.variance.shape[-2:]))
+        channels += [f"sigma.{n}" for n in names]
     write_exr(path, np.concatenate(layers, axis=-1), channels, header, **how)
 
 
 def read_measured(path: Path, *, cube: bool = False) -> tuple[Measured, tuple[str, ...]]:
-    """What write_measured wrote, and the names of its channels; InputError for another file."""
+    """What write_measured wrote, and the names of its channels; InputError for another file.
+
+    Without `sigma` the variance is NaN; then the channels must be primaries.
+    """
     pixels, channels, _ = read_exr(path)
-    names = tuple(c.removeprefix("sigma.") for c in channels if c.startswith("sigma."))
+    sigmas = tuple(c for c in channels if c.startswith("sigma."))
+    names = tuple(c.removeprefix("sigma.") for c in sigmas)
+    if not sigmas:
+        names = tuple(c for c in channels if re.fullmatch(r"P\d+", c))
     if not names or not {"valid", *names} <= set(channels):
         raise fault(
             f"channels {', '.join(channels)}"[:200],
-            "P1..P6, valid and sigma.P1..sigma.P6",
+            "P1..P6 and valid, and sigma.P1..sigma.P6 where the error is known",
             "give the folder or cubemap.exr that `sixlight envmap` wrote",
             path,
         )
@@ -400,25 +420,53 @@ def read_measured(path: Path, *, cube: bool = False) -> tuple[Measured, tuple[st
     def pick(wanted: Sequence[str]) -> np.ndarray:
         return pixels[..., [channels.index(c) for c in wanted]].reshape(*shape, -1)
 
-    measured = Measured(
-        pick(names), pick([f"sigma.{n}" for n in names]) ** 2, pick(["valid"])[..., 0]
-    )
-    return measured, names
+    values = pick(names)
+    variance = pick(sigmas) ** 2 if sigmas else np.full_like(values, np.nan)
+    return Measured(values, variance, pick(["valid"])[..., 0]), names
 
 
 # ------------------------------------------------------------------------- pictures and tables
 
 
-def write_png(path: Path, rgb, description: str = "") -> None:
-    """An encoded sRGB picture (H, W, 3) in 0..1 as 8-bit PNG."""
+PICTURES = (".png", ".jxl", ".tif", ".tiff")  # what write_picture can write
+
+
+def write_picture(
+    path: Path, signal, display: Display, *, bits: int = 8, description: str = ""
+) -> None:
+    """A picture as a display is sent it; the file says by which colours it is to be read.
+
+    path     its suffix chooses the format, one of PICTURES; nothing is lost in any of them
+    signal   (H, W, 3) in 0..1
+    display  what the signal is for. PNG and JPEG XL carry its numbers of Rec. ITU-T H.273 (CICP),
+             PNG an ICC profile beside them unless it has a word for the display itself; TIFF, and a
+             measured display in any format, the ICC profile alone
+    bits     8 or 16
+    """
     import OpenImageIO as oiio
 
-    pixels = np.ascontiguousarray(np.rint(np.clip(rgb, 0, 1) * 255), np.uint8)
-    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, "uint8")
-    spec.attribute("oiio:ColorSpace", "sRGB")
+    assert bits in (8, 16), bits
+    kind = path.suffix.lower()
+    assert kind in PICTURES, path
+    depth = np.uint8 if bits == 8 else np.uint16
+    pixels = np.rint(np.clip(signal, 0, 1) * np.iinfo(depth).max).astype(depth)
+    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, f"uint{bits}")
+    # OpenImageIO writes sRGB beside any other profile where it knows no colour space, and libpng
+    # then believes neither.
+    spec.attribute("oiio:ColorSpace", "sRGB" if display is SRGB else "unknown")
+    numbers = display.cicp if kind in (".png", ".jxl") else None
+    if numbers:
+        # Full range, and RGB as it is: matrix coefficients 0.
+        spec.attribute("CICP", oiio.TypeDesc("int[4]"), [*numbers, 0, 1])
+    if not numbers or (kind == ".png" and display is not SRGB and not display.absolute):
+        profile = np.frombuffer(icc.profile(display), np.uint8)
+        spec.attribute("ICCProfile", oiio.TypeDesc(f"uint8[{len(profile)}]"), profile)
+    if kind == ".jxl":
+        spec.attribute("compression", "jpegxl:100")  # lossless
+    spec.attribute("DateTime", "")  # TIFF's would be now
     if description:
         spec.attribute("ImageDescription", description)
-    write_image(path, spec, pixels)
+    write_image(path, spec, np.ascontiguousarray(pixels))
 
 
 def write_radiance(path: Path, radiance: Radiance) -> None:
