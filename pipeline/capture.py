@@ -13,18 +13,11 @@ from pathlib import Path
 
 from calibration import fit, metals, primaries, spectra
 from calibration.errors import InputError, Problem, fault
-from pipeline import io
+from pipeline import io, photographs
+from pipeline.photographs import Filter
 from pipeline.tables import Table, read_toml
 
 _DEFAULT_MATERIAL = "stainless steel"  # what the paper's sphere and most gazing balls are made of
-
-
-@dataclass(frozen=True)
-class Filter:
-    """The photographs taken through one filter, by name of file."""
-
-    name: str
-    shots: tuple[io.Shot, ...]
 
 
 @dataclass(frozen=True)
@@ -131,9 +124,7 @@ def _primaries_of(transform: Path) -> primaries.Primaries:
 def load(folder: Path) -> Capture:
     """Reads and checks a capture; InputError lists everything wrong with it."""
     folder = Path(folder)
-    if not folder.is_dir():
-        found = "is not a folder" if folder.exists() else "no such folder"
-        raise fault(found, "a folder of raw photographs", "check the path", folder)
+    photographs.check_folder(folder)
     file = folder / "capture.toml"
     problems: list[Problem] = []
     root = Table(read_toml(file) if file.is_file() else {}, problems, file)
@@ -141,15 +132,12 @@ def load(folder: Path) -> Capture:
     name = root.text("name", folder.resolve().name) or folder.resolve().name
     camera = root.table("camera")
     lens = {
-        "iso": camera.number("iso", "ISO", low=1, high=1e7),
-        "f_number": camera.number("f_number", "f/", low=0.5, high=1000),
         "focal_length_mm": camera.number("focal_length_mm", "mm", low=1, high=1e5),
         "pixel_pitch_um": camera.number("pixel_pitch_um", "um", low=0.1, high=1000),
     }
-    filters = filters_of(root, folder, lens["iso"], lens["f_number"], problems)
+    filters = photographs.find(folder, root, camera, problems)
     shots = [shot for f in filters for shot in f.shots]
-    check_shots(filters, problems)
-    notes = notes_of(shots)
+    notes = photographs.notes_of(shots)
     if (folder / "dark").is_dir():
         notes.append("dark frames are not used by this version")
     focal_px = _focal_px(shots, lens["focal_length_mm"], lens["pixel_pitch_um"])
@@ -171,7 +159,7 @@ def load(folder: Path) -> Capture:
 
     capture = Capture(folder, name, filters, sphere, focal_px, calibration, yaw_deg, tuple(notes))
     if not problems:  # M_S is matched to the bands, so the photographs must be right first
-        _collect(problems, lambda: _check_channels(capture))
+        _collect(problems, lambda: capture.transform)
     _collect(problems, lambda: _check_metal(sphere))
     if problems:
         raise InputError(problems)
@@ -183,127 +171,6 @@ def _collect(problems: list[Problem], check: Callable[[], object]) -> None:
         check()
     except InputError as error:
         problems.extend(error.problems)
-
-
-def filters_of(root: Table, folder: Path, iso, f_number, problems) -> tuple[Filter, ...]:
-    """The filters' photographs: as [[filter]] says, or the sub-folders that hold raw files."""
-    named: list[tuple[str, list[Path], tuple[float, ...] | None]] = []
-    tables = root.tables("filter")
-    for table in tables:
-        name = table.text("name")
-        pattern = table.text("files", f"{name}/*")
-        times = table.numbers("times_s", "seconds")
-        table.nothing_else()
-        if name is None:
-            table.wrong("name", "missing", "the filter's name", 'add name = "cyan"')
-        elif name in (n for n, _, _ in named):
-            table.wrong("name", f"{name!r} again", "each filter once", "merge or rename them")
-        elif any(c in name for c in "./\\ "):
-            table.wrong("name", repr(name), "a name without dots, slashes or spaces", "rename it")
-        else:
-            named.append((name, _matching(table, folder, pattern or ""), times))
-    if not tables:
-        for sub in sorted(p for p in folder.iterdir() if p.is_dir() and p.name != "dark"):
-            files = io.photographs(sub.iterdir())
-            if any(io.is_raw(p) for p in files):
-                named.append((sub.name, files, None))
-        if not named and not problems:
-            raise fault(
-                "no raw files found",
-                "a sub-folder of raw files for each filter, such as cyan/ and yellow/",
-                "copy the photographs there or name them in capture.toml",
-                folder,
-            )
-    if len(named) == 1:
-        problems.append(
-            Problem(
-                f"only one filter, {named[0][0]!r}",
-                "photographs through two filters or more",
-                "add the other filter's folder",
-                folder,
-            )
-        )
-    return tuple(
-        Filter(name, _shots(files, times, iso, f_number, folder / name, problems))
-        for name, files, times in named
-    )
-
-
-def _matching(table: Table, folder: Path, pattern: str) -> list[Path]:
-    """Files a pattern names, inside the folder only."""
-    try:
-        found = io.photographs(folder.glob(pattern))
-    except (ValueError, NotImplementedError):
-        found = []
-    base = folder.resolve()
-    if ".." in Path(pattern).parts or any(not p.resolve().is_relative_to(base) for p in found):
-        table.wrong("files", repr(pattern), "files inside the capture's folder", "move them there")
-        return []
-    if not found:
-        table.wrong("files", f"{pattern!r}, which matches no file", "raw files", "correct it")
-    return found
-
-
-def _shots(files, times, iso, f_number, place, problems) -> tuple[io.Shot, ...]:
-    if times is not None and len(times) != len(files):
-        problems.append(
-            Problem(
-                f"{len(files)} photographs but {len(times)} times_s",
-                "one time per photograph, in order of the file names",
-                "correct times_s",
-                place,
-            )
-        )
-        times = None
-    shots, wrong = io.read_shots(files, times_s=times, iso=iso, f_number=f_number)
-    problems += wrong
-    return tuple(shots)
-
-
-def check_shots(filters: tuple[Filter, ...], problems: list[Problem]) -> None:
-    """One camera, one size, one CFA; as many exposures through each filter."""
-    counts = {f.name: len(f.shots) for f in filters}
-    if len(set(counts.values())) > 1 and not problems:
-        listed = ", ".join(f"{n} {name}" for name, n in counts.items())
-        problems.append(
-            Problem(
-                f"filters have unequal numbers of photographs: {listed}",
-                "the same bracket through each filter",
-                "add the missing photographs or remove the surplus",
-                filters[0].shots[0].path.parent.parent if filters[0].shots else None,
-            )
-        )
-    shots = [shot for f in filters for shot in f.shots]
-    for shot in shots[1:]:
-        first = shots[0]
-        for what, mine, others in (
-            ("camera", shot.camera, first.camera),
-            ("size", shot.size, first.size),
-            ("CFA pattern", shot.cfa, first.cfa),
-        ):
-            if mine != others:
-                problems.append(
-                    Problem(
-                        f"{what} {_said(mine)}",
-                        f"{_said(others)} as in {first.path.name}",
-                        "keep photographs of one camera and setting only",
-                        shot.path,
-                    )
-                )
-
-
-def _said(value) -> str:
-    return " x ".join(map(str, value[::-1])) if isinstance(value, tuple) else repr(value)
-
-
-def notes_of(shots) -> list[str]:
-    """What was taken for granted, for the user to see."""
-    notes = []
-    if any(shot.iso_missing for shot in shots):
-        notes.append("no ISO in the files: 100 is assumed for all")
-    if any(shot.f_number_missing for shot in shots):
-        notes.append("no aperture in the files: f/1 is assumed for all")
-    return notes
 
 
 def _focal_px(shots, focal_length_mm, pixel_pitch_um) -> float | None:
@@ -379,21 +246,6 @@ def _calibration(table: Table) -> Calibration:
         have, lack = ("camera", "filters") if "camera" in content else ("filters", "camera")
         table.wrong(have, f"given without {lack}", "both", f"add {lack}, a CSV of its spectra")
     return calibration
-
-
-def _check_channels(capture: Capture) -> None:
-    """M_S must fit the bands, and give what two RGB maps hold."""
-    if capture.transform is None:
-        return
-    assert capture.primaries is not None
-    count = len(capture.primaries.channels)
-    if count != 6:
-        raise fault(
-            f"the primaries {capture.primaries.name!r} have {count} channels",
-            "six, which two RGB maps hold",
-            "choose a set of six under [calibration]",
-            capture.folder / "capture.toml",
-        )
 
 
 def _check_metal(sphere: SphereSpec) -> None:

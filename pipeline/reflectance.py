@@ -18,14 +18,15 @@ from typing import Any
 import numpy as np
 
 from calibration import primaries as primary_sets
+from calibration import sets, uncertainty
 from calibration.errors import InputError, Problem
 from calibration.primaries import Primaries
 from calibration.transform import REFLECTANCE, Transform, matched, read_transform
-from pipeline import digest, io
+from pipeline import digest, io, photographs
 from pipeline import header as headers
 from pipeline.bracket import Bracket
-from pipeline.capture import Filter, check_shots, filters_of, notes_of
 from pipeline.errors import fault, storing
+from pipeline.photographs import Filter
 from pipeline.progress import Progress
 from pipeline.tables import Table, read_toml
 from stages.demosaic import demosaic
@@ -38,6 +39,7 @@ from stages.types import Measured
 # M_R takes signals over the white's to reflectance, so 1 in all bands is the white's: of any card,
 # and of a fit that leans to small values for the sake of noise.
 _WHITE = (0.5, 1.5)
+_SEEN_IN = "D65"  # the light that a surface's colour is judged in
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,7 @@ def load(
             )
         )
     if not problems:
-        _check_alike(surface, white, found, problems)
+        _check_pair(surface, white, found, problems)
     filters = found[surface]
     bands = tuple(f"{f.name}.{c}" for f in filters for c in "RGB")
     m_r, wanted = _transform(transform, primaries, bands if not problems else None, problems)
@@ -91,7 +93,9 @@ def load(
     assert wanted is not None
     whites = {f.name: f for f in found[white]}
     found[white] = tuple(whites[f.name] for f in filters)
-    notes = notes_of([shot for group in found.values() for f in group for shot in f.shots])
+    notes = photographs.notes_of(
+        [shot for group in found.values() for f in group for shot in f.shots]
+    )
     notes += _unlike(filters, found[white])
     return Session(surface, white, filters, found[white], m_r, wanted, tuple(notes))
 
@@ -104,7 +108,9 @@ def reflectance(
     out      the EXR
     returns  shifts_px, shift_error_px, correlation of the filters (None where there is no texture);
              shading of the white (5th over 95th percentile, per band); known, the share of pixels;
-             reflectance, the median per primary; noise, the median sigma per primary; notes
+             reflectance, the median per primary; noise, the median sigma per primary;
+             noise_delta_e, what noise alone does to a pixel's colour in D65: CIEDE2000, root
+             mean square, median and p95 over the pixels; notes
     raises   InputError where the photographs do not match, or for the place
     """
     if out.exists() and not force:
@@ -137,29 +143,20 @@ def reflectance(
 
 
 def _photographs(folder: Path, problems: list[Problem]) -> tuple[Filter, ...]:
-    if not folder.is_dir():
-        found = "is not a folder" if folder.exists() else "no such folder"
-        problems.append(
-            Problem(found, "a folder of raw photographs, a sub-folder a filter", "check it", folder)
-        )
-        return ()
     file = folder / "capture.toml"
     mine: list[Problem] = []
+    filters: tuple[Filter, ...] = ()
     try:
+        photographs.check_folder(folder)
         root = Table(read_toml(file) if file.is_file() else {}, mine, file)
-        camera = root.table("camera")
-        iso = camera.number("iso", "ISO", low=1, high=1e7)
-        f_number = camera.number("f_number", "f/", low=0.5, high=1000)
-        filters = filters_of(root, folder, iso, f_number, mine)
-        check_shots(filters, mine)
+        filters = photographs.find(folder, root, root.table("camera"), mine)
     except InputError as error:
         mine += error.problems
-        filters = ()
     problems += mine
     return filters
 
 
-def _check_alike(surface: Path, white: Path, found, problems: list[Problem]) -> None:
+def _check_pair(surface: Path, white: Path, found, problems: list[Problem]) -> None:
     """The same filters, camera and size in both folders."""
     mine, others = ([f.name for f in found[folder]] for folder in (surface, white))
     if sorted(mine) != sorted(others):
@@ -172,21 +169,7 @@ def _check_alike(surface: Path, white: Path, found, problems: list[Problem]) -> 
             )
         )
         return
-    first, other = (found[folder][0].shots[0] for folder in (surface, white))
-    for what, a, b in (
-        ("camera", first.camera, other.camera),
-        ("size", first.size, other.size),
-        ("CFA pattern", first.cfa, other.cfa),
-    ):
-        if a != b:
-            problems.append(
-                Problem(
-                    f"{what} {b!r}",
-                    f"{a!r}, as of the surface",
-                    "photograph surface and white with one camera and setting",
-                    white,
-                )
-            )
+    photographs.check_alike([found[folder][0].shots[0] for folder in (surface, white)], problems)
 
 
 def _unlike(surface: Sequence[Filter], white: Sequence[Filter]) -> list[str]:
@@ -228,12 +211,12 @@ def _transform(path: Path, wanted, bands, problems: list[Problem]):
     return m_r, primaries
 
 
-def _image(folder: Path, photographs: Filter) -> Measured:
+def _image(folder: Path, filtered: Filter) -> Measured:
     """One filter's bracket as an image of three colours."""
     try:
-        return demosaic(merge(Bracket.of(photographs.shots)))
+        return demosaic(merge(Bracket.of(filtered.shots)))
     except InputError as error:
-        raise error.at(folder / photographs.name) from None
+        raise error.at(folder / filtered.name) from None
 
 
 def _evenness(white: Measured) -> list[float]:
@@ -259,8 +242,30 @@ def _figures(
         "known": float(known.mean()),
         "reflectance": np.median(result.values[known], axis=0).tolist() if some else [],
         "noise": np.sqrt(np.median(result.variance[known], axis=0)).tolist() if some else [],
+        "noise_delta_e": _noise_delta_e(session, registered) if some else None,
         "notes": [*session.notes, *_register_notes(session, registered)],
     }
+
+
+def _noise_delta_e(session: Session, registered: Registered) -> dict[str, Any]:
+    """What noise alone does to the colour of a pixel of the surface, the eye adapted to D65.
+
+    CIEDE2000, root of its expected square, with the primaries' covariance in full; of a large
+    image some 100,000 pixels evenly spread are looked at.
+    """
+    bands, m_r = registered.bands, session.transform.matrix
+    thin = max(1, int(np.sqrt(bands.valid.size / 1e5)))
+    known = bands.valid[::thin, ::thin] > 0
+    if not known.any():
+        thin, known = 1, bands.valid > 0
+    signals, variances = (a[::thin, ::thin][known] for a in (bands.values, bands.variance))
+    to_xyz = session.primaries.xyz_from_primaries
+    light = session.primaries.project(sets.lights("darling2011")[_SEEN_IN])
+    xyz = (signals @ m_r.T * light) @ to_xyz.T
+    covariance = uncertainty.of_xyz(uncertainty.of_primaries(variances, m_r), to_xyz, light)
+    noise = uncertainty.delta_e(xyz, covariance, to_xyz @ light)
+    median, p95 = np.percentile(noise, [50, 95])
+    return {"light": _SEEN_IN, "median": float(median), "p95": float(p95)}
 
 
 def _known(values) -> list[float | None]:

@@ -28,7 +28,10 @@ _ABSOLUTE = "W.m^-2.sr^-1.nm^-1"  # as the layout writes W/(sr m2 nm)
 def to_primaries(
     source: Path, out: Path, primaries: Primaries, *, kind: str = "light", force: bool = False
 ) -> tuple[str, ...]:
-    """A spectral image as channels P1.., valid and sigma.P1.. (not known: NaN).
+    """A spectral image as channels P1.. and valid; how sure a spectrum is, is not told: no sigma.
+
+    Six square faces stacked top to bottom, as OpenGL's cube map table has them, make a cubemap.exr
+    that `sixlight preview` lights with.
 
     source   an EXR of spectra, see `pipeline.spectral_exr`, any wavelengths from 400 to 700 nm on
     out      the EXR to write
@@ -53,9 +56,16 @@ def to_primaries(
         "source": source.name,
         "wavelengths_nm": " ".join(f"{w:g}" for w in image.wavelengths),
     }
-    about.pop("estimate", None)
+    notes = [*image.notes, *_coarse(image)]
+    if "estimate" in image.header:
+        if image.header.get("primaries") == primaries.name:
+            del about["estimate"]  # which kept these very values
+        else:
+            notes.append("the spectra are estimates from other primaries, and so is this")
+    if kind == "light":
+        notes += _no_cubemap(values)
     _in_place(out, force, lambda path: io.write_measured(path, measured, primaries.channels, about))
-    return (*image.notes, *_coarse(image))
+    return tuple(notes)
 
 
 def to_spectra(
@@ -146,6 +156,22 @@ def _coarse(image: SpectralImage) -> tuple[str, ...]:
     if first > WAVELENGTHS[0] or last < WAVELENGTHS[-1]:
         notes.append(f"bands from {first:g} to {last:g} nm: beyond, the last value is kept")
     return tuple(notes)
+
+
+def _no_cubemap(values: Float) -> tuple[str, ...]:
+    """What keeps `sixlight preview` from lighting with an environment (H, W, P)."""
+    height, width = values.shape[:2]
+    if width == 2 * height:
+        return (
+            "2:1, so a latlong image: `sixlight preview` lights with cubemaps, six square faces "
+            "+X -X +Y -Y +Z -Z stacked top to bottom; resample it to one for that",
+        )
+    if height == 6 * width and width & (width - 1):
+        return (
+            f"faces of {width} texels: `sixlight preview` lights with powers of two; resample "
+            "them for that",
+        )
+    return ()
 
 
 def _in_place(out: Path, force: bool, write: Callable[[Path], None]) -> None:

@@ -187,9 +187,33 @@ def _check(wavelengths: NDArray[np.float64], values: Float, kind: str) -> None:
         problems.append(
             Problem(f"two channels of {again[0]:g} nm", "each wavelength once", "remove one")
         )
-    known = values[np.isfinite(values)]
+    finite = np.isfinite(values)
+    known = values[finite]
+    empty = wavelengths[~finite.any(axis=(0, 1))]
+    # Noise around black dips below 0 here and there, but not in every pixel of a band.
+    negative = wavelengths[np.where(finite, values, -1.0).max(axis=(0, 1)) < 0.0]
     if not known.size or not known.any():
         problems.append(Problem("no pixel with a value but 0", f"some {kind}", "make it again"))
+    elif len(empty):
+        problems.append(
+            Problem(
+                f"no pixel with a value at {_listed(empty)} nm",
+                "every band known somewhere",
+                "remove the channel or make it again",
+            )
+        )
+    elif float(np.percentile(known, 99)) <= 0.0:
+        problems.append(
+            Problem(f"hardly any {kind} above 0", f"some {kind}", "check the sign, make it again")
+        )
+    elif len(negative):
+        problems.append(
+            Problem(
+                f"values below 0 in every pixel at {_listed(negative)} nm",
+                f"{kind} of 0 and more, but for noise",
+                "check what was subtracted, or remove the channel",
+            )
+        )
     elif kind == "reflectance":
         # The middle of the bright, not the maximum: gloss and noise may exceed a white.
         high = float(np.percentile(known, 99))
@@ -201,10 +225,13 @@ def _check(wavelengths: NDArray[np.float64], values: Float, kind: str) -> None:
                     "divide by 100 if it is percent; if it is light, read it as light",
                 )
             )
-    elif float(np.percentile(known, 99)) <= 0.0:
-        problems.append(Problem("hardly any light above 0", "some light", "make it again"))
     if problems:
         raise InputError(problems)
+
+
+def _listed(wavelengths: NDArray[np.float64]) -> str:
+    more = f" and {len(wavelengths) - 3} more" if len(wavelengths) > 3 else ""
+    return ", ".join(f"{w:g}" for w in wavelengths[:3]) + more
 
 
 def _attribute(path: Path, name: str) -> str:

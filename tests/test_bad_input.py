@@ -186,7 +186,7 @@ def test_a_transform_for_other_channels(refused, sixlight, small, tmp_path):
 def test_a_transform_for_other_primaries(refused, sixlight, small):
     sensitivities = ["--camera", small / "C.csv", "--filters", small / "F.csv"]
     assert sixlight("fit", *sensitivities, "-o", small / "M_S.toml").status == 0
-    assert sixlight("primaries", "darling2011", "-o", small / "mine").status == 0
+    assert sixlight("primaries", "signed6", "-o", small / "mine").status == 0
     matrix = small / "mine" / "xyz_from_primaries.csv"
     lines = matrix.read_text().splitlines()
     x = lines[1].split(",")
@@ -198,12 +198,6 @@ def test_a_transform_for_other_primaries(refused, sixlight, small):
         'transform = "M_S.toml"\nprimaries = "mine"',
     )
     refused("M_S.toml", "primaries")
-
-
-@pytest.mark.parametrize("name", ["signed5", "signed7"])
-def test_primaries_that_two_rgb_maps_cannot_hold(refused, small, name):
-    with_toml(small, 'filters = "F.csv"', f'filters = "F.csv"\nprimaries = "{name}"')
-    refused(name, "channels", "choose a set of six")
 
 
 @pytest.mark.parametrize(
@@ -250,6 +244,46 @@ def test_files_outside_the_folder(refused, small):
         text + '[[filter]]\nname = "cyan"\nfiles = "../*"\n[[filter]]\nname = "yellow"\n'
     )
     refused("inside the capture's folder")
+
+
+_CYAN, _YELLOW = '[[filter]]\nname = "cyan"\n', '[[filter]]\nname = "yellow"\n'
+
+
+@pytest.mark.parametrize(
+    ("added", "line"),
+    [
+        (
+            f"{_CYAN}times_s = [0.1, 0.2]\n{_YELLOW}",
+            "{folder}/cyan: 4 photographs but 2 times_s (expected one time per photograph, in order"
+            " of the file names); correct times_s",
+        ),
+        (
+            f"{_CYAN}{_CYAN}{_YELLOW}",
+            "{folder}/capture.toml: filter[2].name is 'cyan' again (expected each filter once); "
+            "merge or rename them",
+        ),
+        (
+            f'{_CYAN}{_YELLOW}[[filter]]\nname = "deep red"\nfiles = "cyan/*"\n',
+            "{folder}/capture.toml: filter[3].name is 'deep red' (expected a name without dots, "
+            "slashes or spaces); rename it",
+        ),
+        (
+            f'{_CYAN}{_YELLOW}[[filter]]\nname = "red"\n',
+            "{folder}/capture.toml: filter[3].files is 'red/*', which matches no file (expected "
+            "raw files); correct it",
+        ),
+        (
+            "[camera]\niso = 0\n",
+            "{folder}/capture.toml: camera.iso is 0 (expected a number in ISO, 1 to 1e+07); "
+            "correct it",
+        ),
+    ],
+    ids=["too few times", "a filter twice", "a name with a space", "no such files", "no ISO"],
+)
+def test_filters_and_camera_in_capture_toml(refused, small, added, line):
+    path = small / "capture.toml"
+    path.write_text(path.read_text() + added)
+    assert refused().splitlines() == [line.format(folder=small)]
 
 
 def test_a_folder_that_holds_something_else_is_left_alone(sixlight, small, tmp_path):

@@ -7,8 +7,11 @@ import warnings
 import flat_capture
 import numpy as np
 import pytest
+import small_capture
 
-from calibration import transform
+from calibration import sets, transform
+from calibration.adaptation import D65, cat02
+from calibration.difference import delta_e_2000, lab
 from calibration.errors import InputError
 from pipeline import header, io, reflectance
 
@@ -74,6 +77,20 @@ def test_a_plain_white_is_one_and_its_noise_is_as_told(folder):
     np.testing.assert_allclose(np.nanmean(measured.values[inner], axis=(0, 1)), 1, atol=0.01)
     z = (measured.values[inner] - 1) / np.sqrt(measured.variance[inner])
     assert 0.6 < np.nanstd(z) < 1.4
+    # Colour: what the figures say noise does, beside what it did, shrunk to where the first order
+    # holds. A Gaussian of one to three dimensions lies under .67 to .89 of its rms half the time.
+    light = flat_capture.PRIMARIES.project(sets.lights("darling2011")["D65"])
+    to_xyz = flat_capture.PRIMARIES.xyz_from_primaries * light
+    white = to_xyz.sum(axis=1)
+    seen = measured.values[inner].reshape(-1, 6)
+    seen = seen[np.isfinite(seen).all(axis=1)] @ to_xyz.T
+    adapted = cat02(white, D65) / white[1]
+    shrunk = white + (seen - seen.mean(axis=0)) / 100
+    off = 100 * delta_e_2000(lab(adapted @ white), lab(shrunk @ adapted.T))
+    told = figures["noise_delta_e"]
+    assert told["light"] == "D65"
+    assert 0.6 < np.median(off) / told["median"] < 1.0
+    assert told["median"] < told["p95"]
     assert "without texture" in figures["notes"][0]
     assert figures["correlation"] == [1.0, None]
     assert json.loads(json.dumps(figures, allow_nan=False)) == figures
@@ -149,25 +166,119 @@ def spoil_no_transform(folder):
     (folder / "M_R.toml").unlink()
 
 
+def spoil_camera(folder):
+    for path in (folder / "white").rglob("*.dng"):
+        raw = np.full(flat_capture.SIZE, 900, np.uint16)
+        small_capture.write_shot(path, raw, flat_capture.TAGS[0], model="Another")
+
+
+def spoil_outside(folder):
+    (folder / "white" / "capture.toml").write_text(
+        '[[filter]]\nname = "cyan"\nfiles = "../*"\n[[filter]]\nname = "yellow"\n'
+    )
+
+
+def spoil_singular(folder):
+    from dataclasses import replace
+
+    m_r = flat_capture.m_r()
+    transform.write_transform(folder / "M_R.toml", replace(m_r, matrix=0 * m_r.matrix))
+
+
 @pytest.mark.parametrize(
-    ("spoil", "said"),
+    ("spoil", "line"),
     [
-        (spoil_rename, "filters amber, cyan"),
-        (spoil_missing, "no such folder"),
-        (spoil_one_filter, "only one filter"),
-        (spoil_no_raw, "no raw files"),
-        (spoil_text, r"cyan.0\.dng"),
-        (spoil_count, "unequal numbers"),
-        (spoil_light, "M_R"),
-        (spoil_scale, "of a white"),
-        (spoil_bands, r"red\.R"),
-        (spoil_no_transform, "no such file"),
+        (
+            spoil_rename,
+            "white: the filters amber, cyan (expected cyan, yellow, as the surface has); "
+            "photograph the white through the same filters, or rename the folders",
+        ),
+        (
+            spoil_missing,
+            "white: no such folder (expected a folder of raw photographs); check the path",
+        ),
+        (
+            spoil_one_filter,
+            "surface: only one filter, 'cyan' (expected photographs through two filters or more); "
+            "add the other filter's folder",
+        ),
+        (
+            spoil_no_raw,
+            "surface: no raw files found (expected a sub-folder of raw files for each filter, such"
+            " as cyan/ and yellow/); copy the photographs there or name them in capture.toml",
+        ),
+        (
+            spoil_text,
+            "white/cyan/0.dng: the raw data cannot be decoded (Input/output error) (expected a "
+            "complete raw file); copy the file again from the camera",
+        ),
+        (
+            spoil_count,
+            "white: filters have unequal numbers of photographs: 1 cyan, 2 yellow (expected the "
+            "same bracket through each filter); add the missing photographs or remove the surplus",
+        ),
+        (
+            spoil_camera,
+            "white/cyan/0.dng: camera 'Tests Another' (expected 'Tests Plain' as in "
+            "FOLDER/surface/cyan/0.dng); keep photographs of one camera and setting only",
+        ),
+        (
+            spoil_outside,
+            "white/capture.toml: filter[1].files is '../*' (expected files inside the capture's "
+            "folder); move them there",
+        ),
+        (
+            spoil_light,
+            "M_R.toml: a matrix for light (M_S) (expected one for reflectance (M_R)); "
+            "name the M_R that sixlight fit wrote",
+        ),
+        (
+            spoil_scale,
+            "M_R.toml: M_R makes 99.20, 100.14, 99.61, 99.82, 100.54, 99.76 of a white (expected "
+            "about 1 in each primary); fit it from signals over those of a white: "
+            "sixlight fit --reflectance",
+        ),
+        (
+            spoil_singular,
+            "M_R.toml: M_R makes 0.00, 0.00, 0.00, 0.00, 0.00, 0.00 of a white (expected "
+            "about 1 in each primary); fit it from signals over those of a white: "
+            "sixlight fit --reflectance",
+        ),
+        (
+            spoil_bands,
+            "M_R.toml: a matrix for the bands cyan.R, cyan.G, cyan.B, red.R, red.G, red.B "
+            "(expected cyan.R, cyan.G, cyan.B, yellow.R, yellow.G, yellow.B, as the capture has); "
+            "fit one for this capture's filters, or rename the filters",
+        ),
     ],
+    ids=lambda value: getattr(value, "__name__", ""),
 )
-def test_bad_input_is_named(folder, spoil, said):
+def test_bad_input_takes_one_line(sixlight, folder, spoil, line):
     spoil(folder)
-    with pytest.raises(InputError, match=said):
-        reflectance.load(folder / "surface", folder / "white", folder / "M_R.toml")
+    said = run(sixlight, folder)
+    assert said == f"{folder}/{line}\n".replace("FOLDER", str(folder))
+
+
+def run(sixlight, folder, *more) -> str:
+    """What the command says of a spoilt folder; nothing may have been written."""
+    before = sorted(folder.rglob("*"))
+    names = [folder / "surface", "--white", folder / "white", "--transform", folder / "M_R.toml"]
+    outcome = sixlight("reflectance", *names, "-o", folder / "out.exr", *more)
+    assert outcome.status == 2
+    assert sorted(folder.rglob("*")) == before
+    return outcome.err
+
+
+def test_a_matrix_that_is_not_there_or_for_other_primaries(sixlight, folder):
+    said = run(sixlight, folder, "--primaries", "signed6")
+    assert said == (
+        f"{folder}/M_R.toml: a matrix to the primaries 'darling2011' (expected 'signed6'); "
+        "fit the matrix again, or choose the primaries it was fitted to\n"
+    )
+    spoil_no_transform(folder)
+    said = run(sixlight, folder)
+    assert said.startswith(f"{folder}/M_R.toml: no such file")
+    assert len(said.splitlines()) == 1
 
 
 def test_everything_wrong_is_said_at_once(folder):

@@ -59,8 +59,9 @@ def test_spectra_on_the_common_grid_become_eq_1(tmp_path):
     assert channels == PRIMARIES.channels
     np.testing.assert_allclose(measured.values, PRIMARIES.project(lights()), rtol=1e-5)
     assert (measured.valid == 1).all()
-    assert np.isnan(measured.variance).all()  # not known
-    about = io.read_exr(tmp_path / "out.exr")[2]
+    assert np.isnan(measured.variance).all()  # not known, and so
+    _, written, about = io.read_exr(tmp_path / "out.exr")
+    assert written == [*channels, "valid"]
     assert header.primaries_of(source, channels, about).name == "darling2011"
     assert about["quantity"] == "light"
 
@@ -195,29 +196,123 @@ def _names(prefix="", grid=WAVELENGTHS):
     return [f"{prefix}{w:g}nm" for w in grid]
 
 
+def _spoilt(band, value):
+    """Lights whose one band is something else in every pixel."""
+    return np.where(np.arange(36) == band, np.float32(value), lights())
+
+
+_AS_SPECTRA = "spectra: channels such as S0.550,000000nm, T.550,000000nm, 550nm or w550"
+_HARDLY = "hardly any {0} above 0 (expected some {0}); check the sign, make it again"
+
+
 @pytest.mark.parametrize(
-    ("values", "names", "kind", "said"),
+    ("values", "names", "kind", "line"),
     [
-        (lights(), [f"c{i}" for i in range(36)], "light", "channels such as"),
-        (lights(), _names("T."), "light", "spectra of reflectance"),
-        (lights(), _names("S0."), "reflectance", "spectra of light"),
-        (lights() * 0, _names(), "light", "no pixel"),
-        (-lights(), _names(), "light", "hardly any light"),
-        (lights() * np.nan, _names(), "light", "no pixel"),
-        (lights() / lights().max() * 90, _names(), "reflectance", "percent"),
-        (lights()[..., :20], _names(grid=WAVELENGTHS[:20]), "light", "400 to 700"),
-        (lights()[..., :3], _names(grid=[450, 550, 650]), "light", "3 wavelengths"),
-        (lights(), [f"{w / 1000:g}" for w in WAVELENGTHS], "light", "micrometres"),
-        (lights(), ["380.0nm", *_names()[:-1]], "light", "two channels of 380"),
-        (lights(), ["S0.nm", *_names("S0.")[1:]], "light", "wavelength above 0"),
-        (lights()[..., :3], ["R", "G", "B"], "light", "channels such as"),
+        (
+            lights()[..., :3],
+            ["R", "G", "B"],
+            "light",
+            f"channels R, G, B (expected {_AS_SPECTRA}); rename the channels by their wavelengths",
+        ),
+        (
+            lights(),
+            _names("T."),
+            "light",
+            "spectra of reflectance (channels T.…nm) (expected light (S0.…nm)); "
+            "read it as reflectance",
+        ),
+        (
+            lights(),
+            _names("S0."),
+            "reflectance",
+            "spectra of light (channels S0.…nm) (expected reflectance (T.…nm)); read it as light",
+        ),
+        (
+            lights() * 0,
+            _names(),
+            "light",
+            "no pixel with a value but 0 (expected some light); make it again",
+        ),
+        (
+            lights() * np.nan,
+            _names(),
+            "light",
+            "no pixel with a value but 0 (expected some light); make it again",
+        ),
+        (-lights(), _names(), "light", _HARDLY.format("light")),
+        (-lights() / 300, _names(), "reflectance", _HARDLY.format("reflectance")),
+        (
+            _spoilt(5, -0.01),
+            _names(),
+            "light",
+            "values below 0 in every pixel at 430 nm (expected light of 0 and more, but for noise);"
+            " check what was subtracted, or remove the channel",
+        ),
+        (
+            _spoilt(7, np.nan),
+            _names(),
+            "light",
+            "no pixel with a value at 450 nm (expected every band known somewhere); "
+            "remove the channel or make it again",
+        ),
+        (
+            np.full((2, 2, 36), 90, np.float32),
+            _names(),
+            "reflectance",
+            "reflectance up to 90 (expected factors between 0 and 1); "
+            "divide by 100 if it is percent; if it is light, read it as light",
+        ),
+        (
+            lights()[..., :20],
+            _names(grid=WAVELENGTHS[:20]),
+            "light",
+            "spectra from 380 to 570 nm (expected at least 400 to 700 nm); "
+            "measure or look up the missing wavelengths",
+        ),
+        (
+            lights()[..., :3],
+            _names(grid=[450, 550, 650]),
+            "light",
+            "3 wavelengths (expected 4 or more, of 400 to 700 nm); add bands",
+        ),
+        (
+            lights(),
+            [f"{w / 1000:g}" for w in WAVELENGTHS],
+            "light",
+            "wavelengths from 0.38 to 0.73 look like micrometres (expected nanometres); "
+            "name the channels in nm",
+        ),
+        (
+            lights(),
+            ["380.0nm", *_names()[:-1]],
+            "light",
+            "two channels of 380 nm (expected each wavelength once); remove one",
+        ),
+        (
+            lights(),
+            ["S0.nm", *_names("S0.")[1:]],
+            "light",
+            "a channel 'S0.nm' (expected a wavelength above 0 in its name); rename it",
+        ),
     ],
+    ids=lambda value: value if isinstance(value, str) and " " not in value else "",
 )
-def test_bad_spectra_are_named(tmp_path, values, names, kind, said):
+def test_bad_spectra_take_one_line(sixlight, tmp_path, values, names, kind, line):
     path = write_plain(tmp_path / "in.exr", values, names)
-    with pytest.raises(InputError, match=said) as raised:
-        spectral.to_primaries(path, tmp_path / "out.exr", PRIMARIES, kind=kind)
-    assert "in.exr" in str(raised.value)
+    outcome = sixlight("spectra", path, "-o", tmp_path / "out.exr", "--kind", kind)
+    assert outcome.status == 2
+    assert outcome.err == f"{path}: {line}\n"
+    assert [p.name for p in tmp_path.iterdir()] == ["in.exr"]
+
+
+def test_files_that_are_no_spectra_take_one_line(sixlight, tmp_path):
+    text = tmp_path / "text.exr"
+    text.write_text("wavelength_nm,a")
+    for file, said in ((text, "not a readable image"), (tmp_path / "none.exr", "no such file")):
+        outcome = sixlight("spectra", file, "-o", tmp_path / "out.exr")
+        assert outcome.status == 2
+        assert outcome.err.startswith(f"{file}: {said}")
+        assert len(outcome.err.splitlines()) == 1
     assert not (tmp_path / "out.exr").exists()
 
 
@@ -246,6 +341,46 @@ def test_a_hyperspectral_cubemap_is_ready_for_the_renderer(tmp_path):
     np.testing.assert_allclose(mean(filled), day, rtol=1e-5)
 
 
+def test_a_hyperspectral_cubemap_is_previewed(sixlight, tmp_path):
+    """A brown of daylight from above and tungsten from below lights the teapot."""
+    faces = np.repeat(lights()[[0, 0, -1, 0, 0, 0], [0, 0, -1, 0, 0, 0]], 8, axis=0)
+    source = write_plain(tmp_path / "in.exr", faces[:, None].repeat(8, axis=1), _names())
+    cubemap = tmp_path / "cubemap.exr"
+    made = sixlight("spectra", source, "-o", cubemap, "--primaries", "darling2011")
+    assert (made.status, made.err) == (0, "")
+    shown = sixlight("preview", cubemap, "-o", tmp_path / "shown", "--width", "128")
+    assert shown.status == 0, shown.err
+    xyz, _, _ = io.read_exr(tmp_path / "shown" / "preview_teapot.exr")
+    assert np.isfinite(xyz).all()
+    assert xyz.max() > 0
+
+
+def test_what_preview_cannot_light_with_is_noted_and_refused(sixlight, tmp_path):
+    latlong = write_plain(tmp_path / "latlong.exr", np.ones((4, 8, 36), np.float32), _names())
+    assert "latlong" in sixlight("spectra", latlong, "-o", tmp_path / "six.exr").err
+    odd = write_plain(tmp_path / "odd.exr", np.ones((60, 10, 36), np.float32), _names())
+    assert "faces of 10 texels" in sixlight("spectra", odd, "-o", tmp_path / "ten.exr").err
+    for name, said in (("six", "six square faces"), ("ten", "a power of two")):
+        refused = sixlight("preview", tmp_path / f"{name}.exr", "-o", tmp_path / "shown")
+        assert refused.status == 2
+        assert said in refused.err
+        assert len(refused.err.splitlines()) == 1
+    assert not (tmp_path / "shown").exists()
+
+
+def test_reflectance_spectra_become_what_a_capture_gives(tmp_path):
+    """Six values of a painting: by eq. 1 from its spectra, beside a captured one's header."""
+    chart = sets.surfaces("colorchecker24").values.T.reshape(4, 6, 36).astype(np.float32)
+    source = write_plain(tmp_path / "in.exr", chart, _names("T."))
+    spectral.to_primaries(source, tmp_path / "out.exr", PRIMARIES, kind="reflectance")
+    measured, channels = io.read_measured(tmp_path / "out.exr")
+    np.testing.assert_allclose(measured.values, PRIMARIES.project(chart), rtol=1e-5)
+    about = io.read_exr(tmp_path / "out.exr")[2]
+    captured = header.of_primaries(PRIMARIES, unit="reflectance factor", quantity="reflectance")
+    assert captured.items() <= about.items()
+    assert channels == PRIMARIES.channels
+
+
 # ------------------------------------------------------------------------------------------ out
 
 
@@ -272,6 +407,20 @@ def test_estimated_spectra_keep_the_six_values(colour, tmp_path):
     told = {a.name: str(a.value) for a in specification.attributes}
     assert told["ImageDescription"].startswith("ESTIMATED")
     assert "ESTIMATED" in told["sixlight:estimate"]
+
+
+def test_estimates_taken_to_other_primaries_stay_marked(tmp_path):
+    day = PRIMARIES.project(lights()).astype(np.float32)
+    source = write_light(tmp_path / "cubemap.exr", day)
+    spectral.to_spectra(source, tmp_path / "spectra.exr")
+    other = primaries.load("signed6")
+    notes = spectral.to_primaries(tmp_path / "spectra.exr", tmp_path / "other.exr", other)
+    assert "estimates" in notes[-1]
+    about = io.read_exr(tmp_path / "other.exr")[2]
+    assert "ESTIMATED" in about["estimate"]
+    assert about["primaries"] == "signed6"
+    assert spectral.to_primaries(tmp_path / "spectra.exr", tmp_path / "same.exr", PRIMARIES) == ()
+    assert "estimate" not in io.read_exr(tmp_path / "same.exr")[2]
 
 
 def test_an_estimate_shows_the_maps_own_colours(tmp_path):

@@ -1,6 +1,9 @@
+import json
+
 import numpy as np
 import pytest
 
+from pipeline import io
 from stages.normalise import normalise, reflectance_at
 from stages.transform import transform
 from stages.types import Measured
@@ -57,3 +60,36 @@ def test_reflectance_is_read_between_the_angles_of_the_table():
     np.testing.assert_allclose(read[0, 1], [0.7, 0.7], rtol=1e-6)
     np.testing.assert_allclose(read[1, 0], [0.8, 0.9], rtol=1e-6)
     assert np.isnan(read[1, 1]).all()
+
+
+def test_the_maps_sigma_is_the_spread_that_noise_in_the_bands_leaves(finished_once):
+    """80 draws of noise by the bands' own sigma, each transformed: spread known to 8 % a texel."""
+    bands, _ = io.read_measured(finished_once / "cubemap_bands.exr", cube=True)
+    light, _ = io.read_measured(finished_once / "cubemap.exr", cube=True)
+    result = json.loads((finished_once / "result.json").read_text())
+    matrix = np.array(result["calibration"]["matrix"])
+    reflected, _ = io.read_measured(finished_once / "work" / "reflected.exr", cube=True)
+    reflectance = reflected.values / light.values
+    rng = np.random.default_rng(6)
+    noise = rng.standard_normal((80, *bands.values.shape)).astype(np.float32)
+    noisy = bands.values + np.sqrt(bands.variance) * noise
+    spread = np.array(
+        [
+            normalise(
+                transform(Measured(b, bands.variance, bands.valid), matrix), reflectance
+            ).values
+            for b in noisy
+        ]
+    ).std(axis=0, ddof=1)
+    known = light.valid > 0
+    ratio = np.sqrt(light.variance[known]) / spread[known]
+    np.testing.assert_allclose(np.median(ratio, axis=0), 1.0, atol=0.02)
+
+
+def test_the_report_says_how_sure_a_white_is(finished_once):
+    learnt = json.loads((finished_once / "result.json").read_text())["steps"]["normalise"]["learnt"]
+    noise = learnt["white_delta_e_noise"]
+    assert 0.0 < noise["median"] < noise["p95"]
+    assert set(noise["facing"]) == {"+X", "-X", "+Y", "-Y", "+Z", "-Z"}
+    # Half a map averages: far surer than one texel.
+    assert max(noise["facing"].values()) < noise["median"] / 3
