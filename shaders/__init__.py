@@ -11,6 +11,12 @@ from dataclasses import dataclass
 from importlib import resources
 
 VERSION = "#version 330 core"
+ES_VERSION = "#version 300 es"
+
+# What GLSL ES leaves without a default, or with too coarse a one.
+_ES_PRECISION = tuple(
+    f"precision highp {kind};" for kind in ("float", "int", "sampler2D", "samplerCube")
+)
 
 _INCLUDE = re.compile(r'\s*#include\s+"([^"]+)"\s*$')
 # Mesa says "0:12(5): error: ...", NVIDIA "0(12) : error C1008: ...". The number before the line
@@ -40,16 +46,19 @@ def names() -> tuple[str, ...]:
     return tuple(sorted(name for name in files if name.endswith((".vert", ".frag"))))
 
 
-def load(name: str, version: str = VERSION, folder=None) -> Source:
+def load(name: str, version: str = VERSION, folder=None, defines=None) -> Source:
     """A shader file with every `#include "name.glsl"` expanded, each file once.
 
     name     file in this package, e.g. "surface.frag"
     version  the first line of the expanded text
     folder   where the files are; this package unless told
+    defines  numbers by name, for `#define`s after the first line
     """
     folder = resources.files(__name__) if folder is None else folder
     text: list[str] = [version]
-    lines: list[tuple[str, int]] = [(name, 0)]
+    text += _ES_PRECISION if version == ES_VERSION else ()
+    text += [f"#define {word} {number}" for word, number in (defines or {}).items()]
+    lines: list[tuple[str, int]] = [(name, 0)] * len(text)
     seen: set[str] = set()
 
     def expand(file: str, included_at: str) -> None:
@@ -72,18 +81,21 @@ def load(name: str, version: str = VERSION, folder=None) -> Source:
     return Source("\n".join(text) + "\n", tuple(lines))
 
 
-def program(context, vertex: str, fragment: str, folder=None):
+def program(
+    context, vertex: str, fragment: str, folder=None, *, version: str = VERSION, defines=None
+):
     """Compile and link two shader files into a moderngl program.
 
     context           moderngl.Context
     vertex, fragment  files in `folder`, which is this package unless told
+    version, defines  as `load` takes them
     Raises ShaderError naming file and line as they were written.
     """
     import moderngl
 
     sources = {
-        "vertex_shader": load(vertex, folder=folder),
-        "fragment_shader": load(fragment, folder=folder),
+        "vertex_shader": load(vertex, version, folder, defines),
+        "fragment_shader": load(fragment, version, folder, defines),
     }
     try:
         return context.program(**{stage: source.text for stage, source in sources.items()})

@@ -1,12 +1,14 @@
-// The environment itself, in one triple of channels.
-uniform samplerCube radiance;  // from each direction, linear, this triple's channels
-uniform float level;           // mip level: 0 sharp
-uniform mat3 xyz_from_triple;  // this triple's columns of the matrix to XYZ
+// The environment itself.
+#include "channels.glsl"
+
+uniform samplerCube radiance[TRIPLES];   // from each direction, linear
+uniform float level;                     // mip level: 0 sharp
+uniform mat3 xyz_from_triple[TRIPLES];   // each triple's columns of the matrix to XYZ
 
 in vec3 world_direction;
 out vec4 xyz;
 
 void main()
 {
-    xyz = vec4(xyz_from_triple * textureLod(radiance, world_direction, level).rgb, 1.0);
+    xyz = vec4(to_xyz(xyz_from_triple, FETCH(radiance, world_direction, level)), 1.0);
 }

@@ -32,14 +32,22 @@ def take_out(cube):
     area = np.cumsum(weight[order])
     brim = power[order[min(int(np.searchsorted(area, _AREA_SR)), len(order) - 1)]]
     cap = max(brim, _CAP * float(power @ weight) / (4 * np.pi))
-    kept = np.ones_like(power)
-    above = power > max(cap, 0)
-    kept[above] = cap / power[above]
-    kept = kept.reshape(*cube.shape[:3], 1).astype(np.float32)
-    if not above.any():
-        none = np.zeros((0, 3), np.float32)
-        return cube, none, np.zeros((0, cube.shape[-1]), np.float32)
-    return cube * kept, *lights(cube * (1 - kept), MOST)
+    rest, lamps = parted(cube, cap)
+    return rest, *lights(lamps, MOST)
+
+
+def parted(cube, cap: float):
+    """What of an environment is below a cap, and what stands out above it; together all of it.
+
+    cube     (6, N, N, C) linear
+    cap      on the sum of a texel's channels; texels that exceed it keep their colour
+    returns  two (6, N, N, C) float32
+    """
+    power = cube.sum(axis=-1, keepdims=True)
+    cap = max(cap, 0.0)
+    above = power > cap
+    kept = np.divide(np.float32(cap), power, out=np.ones_like(power), where=above)
+    return cube * kept, np.where(above, cube * (1 - kept), np.float32(0))
 
 
 def lights(cube, count):

@@ -1,5 +1,7 @@
 """Shaders are found, put together, compiled, and blamed by the name a person knows them under."""
 
+import itertools
+
 import pytest
 
 import shaders
@@ -41,22 +43,28 @@ def broken(tmp_path):
     return tmp_path
 
 
-@pytest.mark.parametrize(
-    ("vertex", "fragment"),
-    [
-        ("surface.vert", "ward.frag"),
-        ("surface.vert", "ward1992.frag"),
-        ("environment.vert", "environment.frag"),
-    ],
-)
-def test_every_pair_compiles(context, vertex, fragment):
-    shaders.program(context, vertex, fragment).release()
+SURFACES = ("ward.frag", "ward1992.frag", "ggx.frag")
+PAIRS = [
+    ("surface.vert", "surface.frag", ("SHADED",)),
+    *[("screen.vert", name, ("SHADED", "ANGULAR", "TEXTURED")) for name in SURFACES],
+    ("screen.vert", "environment.frag", ()),
+    ("shadow.vert", "shadow.frag", ()),
+]
+
+
+@pytest.mark.parametrize("version", [shaders.VERSION, shaders.ES_VERSION])
+@pytest.mark.parametrize(("vertex", "fragment", "switches"), PAIRS)
+def test_every_pair_compiles_for_desktops_and_for_browsers(
+    context, vertex, fragment, switches, version
+):
+    for triples in (1, 2, 3):
+        for values in itertools.product((0, 1), repeat=len(switches)):
+            defines = {"TRIPLES": triples, **dict(zip(switches, values, strict=True))}
+            shaders.program(context, vertex, fragment, version=version, defines=defines).release()
 
 
 def test_no_shader_is_left_out_of_the_test_above():
-    assert set(shaders.names()) == {
-        "surface.vert", "ward.frag", "ward1992.frag", "environment.vert", "environment.frag",
-    }  # fmt: skip
+    assert set(shaders.names()) == {name for pair in PAIRS for name in pair[:2]}
 
 
 def test_the_compiler_blames_the_file_and_line_that_are_wrong(context, broken):
@@ -78,9 +86,9 @@ def test_includes_nest_and_each_file_comes_once(tmp_path):
     (tmp_path / "include" / "one.glsl").write_text("one\n")
     (tmp_path / "include" / "two.glsl").write_text('#include "one.glsl"\ntwo\n')
     (tmp_path / "a.frag").write_text('#include "two.glsl"\n#include "one.glsl"\nlast\n')
-    source = shaders.load("a.frag", version="#version 300 es", folder=tmp_path)
-    assert source.text == "#version 300 es\none\ntwo\nlast\n"
-    assert source.lines[1:] == (("include/one.glsl", 1), ("include/two.glsl", 2), ("a.frag", 3))
+    source = shaders.load("a.frag", folder=tmp_path, defines={"TRIPLES": 2})
+    assert source.text == f"{shaders.VERSION}\n#define TRIPLES 2\none\ntwo\nlast\n"
+    assert source.lines[2:] == (("include/one.glsl", 1), ("include/two.glsl", 2), ("a.frag", 3))
 
 
 def test_a_missing_include_is_named_where_it_is_asked_for(tmp_path):
