@@ -25,6 +25,22 @@ Quiet = Annotated[bool, typer.Option("--quiet", help="Say nothing while it goes.
 Json = Annotated[bool, typer.Option("--json", help="Print the results as JSON.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace what sixlight did not write.")]
 
+# How pictures are shown: the words `calibration.look.parse` reads.
+DisplayWord = Annotated[
+    str, typer.Option("--display", help="srgb, display-p3, rec2020-pq, or a CSV of measurements.")
+]
+AdaptWord = Annotated[str, typer.Option("--adapt", help="cat02, cat16 or none.")]
+WhiteWord = Annotated[
+    str, typer.Option("--white", help="What is adapted from: map (measured), D65, A ... or x,y.")
+]
+DegreeOfAdaptation = Annotated[
+    float, typer.Option("--degree", help="Of adaptation, 0 to 1, complete.")
+]
+ExposureWord = Annotated[str, typer.Option("--exposure", help="auto, or EV.")]
+ToneWord = Annotated[
+    str, typer.Option("--tone", help="shoulder keeps hue; clip cuts off, as the paper did.")
+]
+
 
 def main() -> None:
     """Runs the command line and ends the process with its exit status."""
@@ -76,8 +92,8 @@ def envmap(
         int, typer.Option(min=64, max=8192, help="Of the preview picture, px.")
     ] = 1280,
     preview_samples: Annotated[
-        int, typer.Option(min=1, max=4096, help="Directions a pixel samples for gloss.")
-    ] = 64,
+        int | None, typer.Option(min=1, max=4096, help="Of the gloss, a pixel [by roughness].")
+    ] = None,
     force: Force = False,
     json: Json = False,
     quiet: Quiet = False,
@@ -143,56 +159,182 @@ def fit(
     filters: Annotated[Path | None, typer.Option(help="Transmittances of the filters.")] = None,
     lights: Annotated[Path | None, typer.Option(help="Spectra of lights to train on.")] = None,
     surfaces: Annotated[Path | None, typer.Option(help="Reflectances to train on.")] = None,
+    plots: Annotated[Path | None, typer.Option(help="Folder for pictures of the fit.")] = None,
     force: Force = False,
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """M_S, or M_R, from a chart session, or from known sensitivities.
 
-    Example: sixlight fit sample_captures/room/calibration -o M_S.toml
+    Example: sixlight fit sample_captures/room/calibration -o M_S.toml --plots plots
     """
-    from pipeline import fitting
+    from pipeline import fit_plots, fitting
 
     name = "M_R.toml" if reflectance else "M_S.toml"
+    if plots is not None:
+        fit_plots.check(plots, force=force)
     if calibration is None:
         if camera is None or filters is None:
             raise typer.BadParameter("give a calibration folder, or --camera with --filters")
-        transform = fitting.from_sensitivities(
+        fitted = fitting.from_sensitivities(
             camera, filters, lights, primaries, method, surfaces=surfaces, reflectance=reflectance
         )
         out = out or Path(name)
     else:
         if camera or filters or lights or surfaces:
             raise typer.BadParameter("a calibration folder, or --camera with --filters; not both")
-        transform = fitting.from_session(
+        fitted = fitting.from_session(
             calibration, primaries, method, reflectance=reflectance, quiet=quiet
         )
         out = out or calibration / name
-    fitting.save(transform, out, force=force)
-    print(jsonlib.dumps(transform.figures, indent=2) if json else fitting.as_text(transform, out))
+    fitting.save(fitted.transform, out, force=force)
+    print(
+        jsonlib.dumps(fitting.figures(fitted), indent=2) if json else fitting.as_text(fitted, out)
+    )
+    if plots is not None:
+        for path in fit_plots.draw(fitted, plots):
+            _say(str(path), quiet)
 
 
 @app.command()
 def preview(
     envmap: Annotated[Path, typer.Argument(help="Folder or cubemap.exr `envmap` wrote.")],
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Folder for the pictures [ENVMAP].")
+        Path | None,
+        typer.Option("-o", "--out", help="Folder for the pictures [ENVMAP]; or turntable.mp4."),
     ] = None,
-    scene: Annotated[str, typer.Option(help="What to show: teapot.")] = "teapot",
-    width: Annotated[int, typer.Option(min=64, max=8192, help="Of the picture, px.")] = 1280,
+    scene: Annotated[
+        str,
+        typer.Option(
+            help="teapot, colorchecker, roughness, metamers, probe, a mesh (.obj, .glb, ...) or "
+            "a scene file (.toml)."
+        ),
+    ] = "teapot",
+    channels: Annotated[
+        str, typer.Option(help="compare (six beside three), six, sharp or xyz.")
+    ] = "compare",
+    width: Annotated[int, typer.Option(min=64, max=8192, help="Of the whole, px.")] = 1280,
+    facing: Annotated[
+        float, typer.Option(help="Where the viewer stands, degrees from +Z towards +X.")
+    ] = 0.0,
+    turn: Annotated[float, typer.Option(help="Of the environment, degrees, likewise.")] = 0.0,
+    turntable: Annotated[
+        int, typer.Option(min=0, max=3600, help="Pictures of one turn of the scene.")
+    ] = 0,
+    lights: Annotated[
+        str, typer.Option(help="metamers: match under the first, part under the second.")
+    ] = "A,D65",
+    seed: Annotated[int, typer.Option(min=0, help="metamers: another pair of paints.")] = 1,
+    brdf: Annotated[
+        str | None, typer.Option(help="ward, ward1992 or ggx [the materials' own].")
+    ] = None,
+    quality: Annotated[str, typer.Option(help="draft, good or best.")] = "good",
     samples: Annotated[
-        int, typer.Option(min=1, max=4096, help="Directions a pixel samples for gloss.")
-    ] = 64,
+        int | None, typer.Option(min=1, max=4096, help="Of the gloss, a pixel [by roughness].")
+    ] = None,
+    display: DisplayWord = "srgb",
+    adapt: AdaptWord = "cat02",
+    white: WhiteWord = "map",
+    degree: DegreeOfAdaptation = 1.0,
+    exposure: ExposureWord = "auto",
+    tone: ToneWord = "shoulder",
+    bits: Annotated[
+        int | None, typer.Option(help="A channel: 8 or 16 [8; 16 for rec2020-pq].")
+    ] = None,
+    device: Annotated[
+        int | None, typer.Option(min=0, help="Number of the GPU [the system's choice].")
+    ] = None,
+    backend: Annotated[str, typer.Option(help="Of OpenGL: egl.")] = "egl",
     force: Force = False,
+    json: Json = False,
+    quiet: Quiet = False,
 ) -> None:
     """Headless render of a finished map: six channels beside three.
 
     Example: sixlight preview build/room --scene teapot
+
+    Example: sixlight preview build/room --scene vase.glb --turntable 72 -o vase.mp4
     """
+    from calibration import look as looks
     from pipeline import previews
 
-    for path in previews.preview(envmap, scene, out, width=width, samples=samples, force=force):
-        print(path)
+    rendering = previews.Rendering(
+        width=width,
+        samples=samples,
+        quality=quality,
+        channels=channels,
+        brdf=brdf,
+        facing_deg=facing,
+        turn_deg=turn,
+        device=device,
+        backend=backend,
+        look=looks.parse(display, adapt, white, exposure, tone, degree),
+    )
+    made = previews.preview(
+        envmap,
+        scene,
+        out,
+        rendering,
+        bits=bits,
+        frames=turntable,
+        lights=lights,
+        seed=seed,
+        force=force,
+    )
+    for note in made.notes:
+        _say(f"note: {note}", quiet)
+    if json:
+        figures = made.figures | {"files": [str(path) for path in made.files]}
+        print(jsonlib.dumps(figures, indent=2))
+    else:
+        for path in made.files:
+            print(path)
+
+
+@app.command()
+def show(
+    image: Annotated[Path, typer.Argument(help="EXR of X, Y, Z, as `preview` writes; or a map.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="Picture: .png, .jxl or .tif.")],
+    display: DisplayWord = "srgb",
+    adapt: AdaptWord = "cat02",
+    white: WhiteWord = "map",
+    degree: DegreeOfAdaptation = 1.0,
+    exposure: ExposureWord = "auto",
+    tone: ToneWord = "shoulder",
+    bits: Annotated[
+        int | None, typer.Option(help="A channel: 8 or 16 [8; 16 for rec2020-pq].")
+    ] = None,
+    force: Force = False,
+    quiet: Quiet = False,
+) -> None:
+    """A picture of an XYZ image or a map, for a display: sRGB, wide gamut, HDR, or a measured one.
+
+    Example: sixlight show build/room/preview_teapot.exr -o teapot.jxl --display rec2020-pq
+
+    Example: sixlight show build/room/latlong.exr -o room.png --exposure 11.5
+    """
+    from calibration import look as looks
+    from pipeline import pictures
+
+    look = looks.parse(display, adapt, white, exposure, tone, degree)
+    for note in pictures.show(image, out, look, bits=bits, force=force):
+        _say(f"note: {note}", quiet)
+    print(out)
+
+
+@app.command()
+def display(
+    measured: Annotated[Path, typer.Argument(help="CSV of R,G,B drives and X,Y,Z readings.")],
+    json: Json = False,
+) -> None:
+    """How well a measured display is known: its model's errors, and what to distrust.
+
+    Example: sixlight display monitor.csv
+    """
+    from pipeline import display_report
+
+    told = display_report.report(measured)
+    print(jsonlib.dumps(told, indent=2) if json else display_report.as_text(told))
 
 
 @app.command()
@@ -213,7 +355,7 @@ def primaries(
 ) -> None:
     """Writes a set of primaries: curves.csv and xyz_from_primaries.csv.
 
-    Example: sixlight primaries darling2011 -o primaries
+    Example: sixlight primaries signed6 -o primaries
 
     Example: sixlight primaries fit --lights L.csv --surfaces S.csv --channels 7 -o mine
     """
@@ -394,6 +536,7 @@ def steps() -> None:
         print(f"{number}. {step.name}: {step.about}{each}")
         print(f"     reads {', '.join(step.reads)}")
         print(f"     makes {', '.join(step.makes)}")
+    print("{filter}: each filter's name; {triple}: every three channels, as in 123, 456, 78")
 
 
 def _say(text: str, quiet: bool) -> None:

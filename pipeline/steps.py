@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -22,12 +22,15 @@ from pipeline import digest, io, previews
 from pipeline import header as headers
 from pipeline.bracket import Bracket, exposure
 from pipeline.capture import Capture
+from pipeline.compositions import compose
 from pipeline.errors import InputError
 from pipeline.settings import Settings
 from stages import cube
 from stages.align import Alignment, align
+from stages.assess import assess, shared_noise
 from stages.demosaic import demosaic
-from stages.export import export
+from stages.export import export, triples
+from stages.fill import fill
 from stages.locate import locate
 from stages.merge import merge
 from stages.mirror import Sphere
@@ -44,8 +47,9 @@ class Step:
 
     name, about  for people
     reads        files of the output folder; "raw" stands for a filter's photographs. A name with
-                 {filter} stands for that filter's file, or for those of all filters
-    makes        files of the output folder
+                 {filter} stands for that filter's file, or for those of all filters; one with
+                 {triple} for a file every three channels, named by them: 123, 456, 78
+    makes        files of the output folder, named likewise
     given        plain values it needs besides, from the capture, the settings and, where it is
                  done for each filter, that filter's index
     run          (paths read, paths to write, **given) -> what it learnt, for the report
@@ -61,6 +65,20 @@ class Step:
     given: Callable[[Capture, Settings, int], Mapping[str, Any]] = lambda c, s, i: {}
     for_each: bool = False
     calibrated: bool | None = None
+
+
+def files_of(name: str, *, filters: Sequence[str], channels: int) -> list[str]:
+    """The files a name in `reads` or `makes` stands for.
+
+    filters   whose files {filter} stands for
+    channels  how many {triple} deals into threes
+    """
+    if "{filter}" in name:
+        return [name.format(filter=f) for f in filters]
+    if "{triple}" in name:
+        dealt = ("".join(str(i + 1) for i in triple) for triple in triples(channels))
+        return [name.format(triple=numbers) for numbers in dealt]
+    return [name]
 
 
 # ------------------------------------------------------------------- develop and merge a bracket
@@ -160,6 +178,7 @@ def _normalise_given(capture: Capture, settings: Settings, index: int):
     angles = np.linspace(0.0, np.pi / 2, 361)
     measured = capture.sphere.reflectance
     assert capture.primaries is not None
+    assert capture.transform is not None
     table = metals.in_primaries(
         capture.primaries,
         angles,
@@ -169,17 +188,31 @@ def _normalise_given(capture: Capture, settings: Settings, index: int):
     return {
         "angles_rad": angles.tolist(),
         "reflectance": table.tolist(),
+        "matrix": capture.transform.matrix.tolist(),
+        "xyz_from_primaries": capture.primaries.xyz_from_primaries.tolist(),
         "header": _light_header(capture),
     }
 
 
-def _normalise(read, write, *, angles_rad, reflectance, header) -> Learnt:
+def _normalise(
+    read, write, *, angles_rad, reflectance, matrix, xyz_from_primaries, header
+) -> Learnt:
     reflected, names = io.read_measured(read[0], cube=True)
     sphere = _read_fields(read[1], Sphere)
-    incidence = sphere.incidence_angle(cube.directions(reflected.values.shape[1]))
-    light = normalise(reflected, reflectance_at(incidence, angles_rad, reflectance))
+    n = reflected.values.shape[1]
+    incidence = sphere.incidence_angle(cube.directions(n))
+    of_texel = reflectance_at(incidence, angles_rad, reflectance)
+    light = normalise(reflected, of_texel)
     io.write_measured(write[0], light, names, header | {"step": "normalise"})
-    return {"near_normal_reflectance": reflectance[0]}
+    # The file keeps the primaries' variances alone; here the bands' are known, and with them all.
+    bands, band_names = io.read_measured(read[2], cube=True)
+    noise_area_px = [BAYER_NOISE_AREA_PX["RGB".index(name[-1])] for name in band_names]
+    common = shared_noise(sphere, n, noise_area_px)
+    noise = assess(bands, matrix, of_texel, xyz_from_primaries, common)
+    return {
+        "near_normal_reflectance": reflectance[0],
+        "white_delta_e_noise": dataclasses.asdict(noise),
+    }
 
 
 # ------------------------------------------------------------------------------ maps and pictures
@@ -193,13 +226,16 @@ def _export(read, write, *, header) -> Learnt:
     light, names = io.read_measured(read[0], cube=True)
     maps = export(light)
     header = header | {"step": "export"}
-    for i, (path, triple) in enumerate(zip(write[:-1], maps.triples, strict=True)):
+    dealt = triples(len(names))
+    for path, triple, values in zip(write[:-1], dealt, maps.triples, strict=True):
         note = {
             "scale": f"{maps.scale:g}",
-            "channels": " ".join(names[3 * i : 3 * i + 3]),
+            "channels": " ".join(names[i] for i in triple),
             "filled": "holes are filled smoothly; cubemap.exr has only what was measured",
         }
-        faces = triple.reshape(-1, *triple.shape[-2:])
+        if len(triple) < 3:
+            note["unused"] = " ".join("RGB"[len(triple) :]) + ", 0 everywhere"
+        faces = values.reshape(-1, *values.shape[-2:])
         io.write_exr(path, faces, "RGB", header | note, half=True)
     io.write_measured(write[-1], maps.latlong, names, header | {"orientation": _LATLONG})
     return {"half_float_scale": maps.scale}
@@ -215,10 +251,11 @@ def _preview_given(capture: Capture, settings: Settings, index: int):
 
 
 def _preview(read, write, *, primaries, width, samples, header) -> Learnt:
-    light, _ = io.read_measured(read[0], cube=True)
-    rgb, xyz = previews.teapot(light, primaries, width=width, samples=samples)
-    previews.write(write, rgb, xyz, header)
-    return {}
+    light = fill(io.read_measured(read[0], cube=True)[0])
+    rendering = previews.Rendering(width=width, samples=samples)
+    drawn = previews.draw(light, primaries, compose("teapot", light, primaries), rendering)
+    previews.write(write, drawn, header, rendering)
+    return {"exposure_ev": drawn.figures["exposure_ev"]}
 
 
 # --------------------------------------------------------------------------- small things shared
@@ -314,7 +351,7 @@ STEPS = (
     Step(
         "normalise",
         "the sphere's reflectance, by angle, divided out",
-        reads=("work/reflected.exr", "work/sphere.json"),
+        reads=("work/reflected.exr", "work/sphere.json", "cubemap_bands.exr"),
         makes=("cubemap.exr",),
         given=_normalise_given,
         run=_normalise,
@@ -322,9 +359,9 @@ STEPS = (
     ),
     Step(
         "export",
-        "two RGB maps without holes for renderers, and the latlong image",
+        "RGB maps of three channels each, without holes, for renderers; and the latlong image",
         reads=("cubemap.exr",),
-        makes=("cubemap_123.exr", "cubemap_456.exr", "latlong.exr"),
+        makes=("cubemap_{triple}.exr", "latlong.exr"),
         given=_export_given,
         run=_export,
         calibrated=True,

@@ -26,7 +26,7 @@ def light(finished_once):
 def truth(light):
     d = cube.directions(light.values.shape[1])
     spectra = small_capture.world(d.reshape(-1, 3))
-    return primaries.load("darling2011").project(spectra).reshape(*d.shape[:-1], 6)
+    return primaries.load().project(spectra).reshape(*d.shape[:-1], 6)
 
 
 def test_a_known_world_comes_back_as_that_world(light, truth):
@@ -73,12 +73,72 @@ def test_the_maps_for_renderers_have_no_holes(finished_once, light):
         np.testing.assert_allclose(values[known], light.values[known][:, channels], rtol=1e-3)
 
 
+@pytest.fixture
+def in_other_primaries(small):
+    """The small capture, in a set of primaries to be named."""
+    toml = small / "capture.toml"
+    text = toml.read_text()
+
+    def choose(name):
+        toml.write_text(text.replace("[calibration]", f'[calibration]\nprimaries = "{name}"'))
+        return small
+
+    return choose
+
+
+@pytest.mark.parametrize(
+    ("name", "held"),
+    [
+        ("signed5", ["P1 P2 P3", "P4 P5"]),
+        ("signed7", ["P1 P2 P3", "P4 P5 P6", "P7"]),
+        ("signed8", ["P1 P2 P3", "P4 P5 P6", "P7 P8"]),
+    ],
+)
+def test_any_count_of_channels_is_dealt_into_rgb_maps(
+    sixlight, in_other_primaries, finished, name, held
+):
+    capture = in_other_primaries(name)
+    assert "export" in again(sixlight, capture, finished)
+    light, channels = io.read_measured(finished / "cubemap.exr", cube=True)
+    assert channels == primaries.load(name).channels
+    files = {f"cubemap_{h.replace('P', '').replace(' ', '')}.exr": h for h in held}
+    assert {p.name for p in finished.glob("cubemap_[0-9]*")} == set(files)  # and none of before
+    known = light.valid == 1
+    for file, held_there in files.items():
+        pixels, names, header = io.read_exr(finished / file)
+        assert names == ["R", "G", "B"]
+        assert header["channels"] == held_there
+        values = pixels.reshape((*light.values.shape[:3], 3)) * float(header["scale"])
+        columns = [channels.index(channel) for channel in held_there.split()]
+        count = len(columns)
+        np.testing.assert_allclose(
+            values[known][:, :count], light.values[known][:, columns], rtol=1e-3, atol=1e-6
+        )
+        assert (values[..., count:] == 0).all()
+        unused = header.get("unused", "").split(",")[0].split()
+        assert unused == list("RGB"[count:])
+    assert io.read_measured(finished / "latlong.exr")[1] == channels
+    assert np.isfinite(io.read_exr(finished / "preview_teapot.exr")[0]).all()
+    made = json.loads((finished / "result.json").read_text())["steps"]["export"]["made"]
+    assert set(made) == {*files, "latlong.exr"}
+
+
+def test_a_map_of_ours_that_someone_changed_is_not_cleared_away(
+    sixlight, in_other_primaries, finished
+):
+    (finished / "cubemap_456.exr").write_bytes(b"mine now")
+    again(sixlight, in_other_primaries("signed5"), finished)
+    assert (finished / "cubemap_456.exr").read_bytes() == b"mine now"
+
+
 def test_headers_say_what_the_numbers_are(finished_once):
     _, _, header = io.read_exr(finished_once / "cubemap.exr")
+    wanted = primaries.load("signed6")
     matrix = np.array(header["xyz_from_primaries"].split(), float).reshape(3, 6)
-    np.testing.assert_allclose(matrix, primaries.load("darling2011").xyz_from_primaries, rtol=1e-6)
-    assert header["primaries"] == "darling2011"
-    assert header["peaks_nm"].startswith("447 ")
+    np.testing.assert_allclose(matrix, wanted.xyz_from_primaries, rtol=1e-6)
+    assert header["primaries"] == "signed6"
+    peaks = np.array(header["peaks_nm"].split(), float)
+    np.testing.assert_allclose(peaks, wanted.peaks_nm, rtol=1e-6)
     assert {"unit", "orientation", "calibration", "version", "step", "widths_nm"} <= set(header)
 
 

@@ -1,9 +1,21 @@
 """Shapes against what is known of them: Newell's outline, closed surfaces, unit normals."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from stages.meshes import revolved, sphere, teapot_mesh
+from stages.meshes import (
+    joined,
+    placed,
+    plane,
+    revolved,
+    sphere,
+    standing,
+    teapot_mesh,
+    with_normals,
+    with_tangents,
+)
 
 
 def volume(mesh):
@@ -59,3 +71,62 @@ def test_a_profile_turned_is_round():
     tube = revolved(outline, 32)
     np.testing.assert_allclose(np.hypot(tube.positions[:, 0], tube.positions[:, 2]), 1, atol=1e-6)
     assert (face_normals(tube) @ [0, 1, 0] == 0).all()
+
+
+@pytest.mark.parametrize("mesh", [sphere(segments=12), plane(segments=3)])
+def test_tangents_run_along_u_at_right_angles_to_the_normals(mesh):
+    along = np.einsum("ij,ij->i", mesh.tangents, mesh.normals)
+    np.testing.assert_allclose(along, 0, atol=1e-6)
+    from_uv = with_tangents(replace(mesh, tangents=None)).tangents
+    # on a coarse mesh two ways to the same direction; at a sphere's poles there is none
+    away = np.linalg.norm(mesh.positions[:, [0, 2]], axis=1) > 0.3
+    agreement = np.einsum("ij,ij->i", from_uv, mesh.tangents)[away]
+    assert agreement.min() > 0.95
+
+
+def test_a_sphere_without_normals_gets_its_positions_for_them():
+    ball = sphere(segments=32)
+    faces = ball.positions[ball.triangles]
+    whole = np.linalg.norm(np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0]), axis=1)
+    made = with_normals(ball.positions, ball.triangles[whole > 1e-9])
+    cosine = np.einsum("ij,ij->i", made.normals, made.positions)
+    assert cosine.min() > np.cos(np.radians(2.0))
+    assert len(made.positions) < len(ball.positions)  # its seam is closed
+    assert volume(made) == pytest.approx(volume(ball), rel=1e-5)
+
+
+def test_uv_parts_vertices_but_not_normals():
+    # two triangles of a plane that share an edge, with an image's seam along it
+    positions = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 0, 0], [1, 1, 0], [0, 1, 0.3]])
+    uv = np.array([[0, 0], [1, 0], [1, 1], [0.5, 0], [0.5, 1], [0, 1]])
+    made = with_normals(positions, np.array([[0, 1, 2], [3, 4, 5]]), uv)
+    assert len(made.positions) == 6
+    at_origin = made.normals[(made.positions == 0).all(axis=1)]
+    assert len(at_origin) == 2
+    np.testing.assert_allclose(at_origin[0], at_origin[1])
+    np.testing.assert_array_equal(made.uv[made.triangles], uv.reshape(2, 3, 2))
+
+
+@pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
+def test_a_mesh_of_any_size_stands_on_the_stand(size):
+    mesh = placed(sphere(radius=size, segments=16), at=(7 * size, 3 * size, -size))
+    fitted, scale = standing(mesh, reach=0.2, height=0.1)
+    assert scale == pytest.approx(0.05 / size, rel=1e-4)
+    low, high = fitted.positions.min(axis=0), fitted.positions.max(axis=0)
+    np.testing.assert_allclose(low, [-0.05, 0.0, -0.05], atol=1e-5)
+    np.testing.assert_allclose(high, [0.05, 0.1, 0.05], atol=1e-5)
+
+
+def test_a_mesh_is_turned_from_z_towards_x():
+    turned = placed(plane(size=2.0, segments=2), turn_deg=90.0, at=(0.0, 1.0, 0.0), scale=2.0)
+    foot = turned.positions[turned.uv[:, 1] == 0]  # lay at +Z
+    np.testing.assert_allclose(foot[:, 0], 2.0, atol=1e-6)
+    np.testing.assert_allclose(turned.positions[:, 1], 1.0)
+    np.testing.assert_allclose(turned.tangents[0], [0, 0, -1], atol=1e-6)
+
+
+def test_joined_meshes_keep_their_shapes():
+    both = joined([sphere(segments=8), placed(sphere(segments=8), at=(5.0, 0.0, 0.0))])
+    assert volume(both) == pytest.approx(2 * volume(sphere(segments=8)), rel=1e-5)
+    assert both.uv is not None
+    assert joined([sphere(segments=8), teapot_mesh(segments=2)]).uv is None
