@@ -52,7 +52,10 @@ sample: $(STAMP)  ## render the bundled capture anew, ten minutes: [OUT=dir]
 
 check-sample: $(STAMP)  ## compare the bundled capture's result with its truth
 	@$(BIN)/sixlight envmap sample_captures/room --quiet > /dev/null
-	@$(BIN)/python benchmarks/check_sample.py
+	@$(BIN)/python -m benchmarks.check_sample
+
+bench: $(STAMP)  ## benchmarks, a table and build/bench/NAME.json: [ONLY=name]
+	@$(BIN)/python -m benchmarks $(ONLY)
 
 test: $(STAMP)  ## the tests
 	@$(BIN)/python -m pytest -n auto --dist loadfile
@@ -65,4 +68,4 @@ lint: $(STAMP)  ## ruff and mypy
 clean:  ## remove results and caches, keep the environment
 	rm -rf build dist .mypy_cache .pytest_cache .ruff_cache
 
-.PHONY: help setup envmap fit preview tables sample check-sample test lint clean
+.PHONY: help setup envmap fit preview tables sample check-sample bench test lint clean
