@@ -28,7 +28,7 @@ def world(tmp_path, monkeypatch):
         colour = 1 + 0.8 * np.sin(WAVELENGTHS / 60 + rng.uniform(0, 6))
         spectra += rng.uniform(0.2, 1.0) * near[..., None] * colour
     spectra[d[..., 0] < -0.85] *= 20
-    light = primaries.load("darling2011")
+    light = primaries.load()
     valid = (d[..., 2] > -0.98).astype(float)
     (tmp_path / "truth").mkdir()
     names = [f"{w:.0f}nm" for w in WAVELENGTHS]
@@ -40,7 +40,7 @@ def world(tmp_path, monkeypatch):
 
 def write(path, values, valid):
     pixels = np.concatenate([values, valid[..., None]], axis=-1).reshape(6 * N, N, -1)
-    write_exr(path, pixels, [*primaries.load("darling2011").channels, "valid"], {})
+    write_exr(path, pixels, [*primaries.load().channels, "valid"], {})
 
 
 def failing(world, values):
