@@ -266,7 +266,7 @@ def _at_equal_error() -> Iterator[Figure]:
     # One level, no lamps: every sample fetches a single texel of the whole map.
     no_lights = np.zeros((0, 3), np.float32), np.zeros((0, 6), np.float32)
     single = Parts([cube], *no_lights)
-    plain = Light(single, single, single, environment.irradiance)
+    plain = Light(single, single, single, environment.matt)
     places = sphere_places(PLACES, SIZE, least_cosine=0.2)
     right = exact(cube, places, [alpha]).xyz(alpha, patches, paint, matrix)
 

@@ -1,4 +1,7 @@
-// Nothing but depth.
+// How far from the light, 0 to 1.
+out float depth;
+
 void main()
 {
+    depth = gl_FragCoord.z;
 }

@@ -18,6 +18,8 @@ _SHARP = 0.04
 # Rougher than this, lobes are broader than the steps between the few lights that a window becomes.
 _BROAD = 0.1
 _BROAD_SIZE = 64  # texels along a face of the map that they see; 1.4 degrees
+_MATT_SIZE = 40  # texels along a face of the irradiance; 32 shows where a window ends
+_MATT_LAMPS = 8  # as in shade.glsl
 _STANDS_OUT = 3.0  # what is so many times the mean is lights to them
 
 
@@ -36,26 +38,40 @@ class Parts:
 
 
 @dataclass(frozen=True)
+class Matt:
+    """An environment as a matt surface sees it: a smooth map, and lamps, which end at a line.
+
+    irradiance  over pi, of all but the lamps, facing each direction (6, n, n, C)
+    directions  (K, 3) unit, towards each lamp
+    flux        (K, C) radiance times solid angle
+    """
+
+    irradiance: Float
+    directions: Float
+    flux: Float
+
+
+@dataclass(frozen=True)
 class Light:
     """An environment in the forms that surfaces of different roughness see.
 
     Samples of a blurred map are the worse the more it varies. So the rougher a surface is, the more
     of the map is taken out of it and given as directional lights, which are summed up exactly.
 
-    whole       for mirrors: no lights
-    narrow      lamps are lights
-    broad       all that stands out is, windows too
-    irradiance  over pi, of all of it, (6, n, n, C)
+    whole   for mirrors: no lights
+    narrow  lamps are lights
+    broad   all that stands out is, windows too
+    matt    for what does not mirror
     """
 
     whole: Parts
     narrow: Parts
     broad: Parts
-    irradiance: Float
+    matt: Matt
 
     @property
     def channels(self) -> int:
-        return self.irradiance.shape[-1]
+        return self.matt.irradiance.shape[-1]
 
 
 def form(roughness) -> str:
@@ -88,4 +104,5 @@ def light(cube) -> Light:
     coarse = area_average(cube, _BROAD_SIZE) if cube.shape[1] > _BROAD_SIZE else cube
     even, standing = parted(coarse, _STANDS_OUT * float(mean(coarse).sum()))
     broad = Parts(prefilter(even), *lights(standing, MOST))
-    return Light(whole, narrow, broad, irradiance(coarse, size=40))
+    matt = Matt(irradiance(rest, size=_MATT_SIZE), *lights(cube - rest, _MATT_LAMPS))
+    return Light(whole, narrow, broad, matt)

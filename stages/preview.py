@@ -171,8 +171,12 @@ def side_by_side(pictures, captions):
         size, thickness = height / 1100, max(1, round(height / 640))
         font = cv2.FONT_HERSHEY_SIMPLEX
         cv2.putText(letters, caption, place, font, size, 255, thickness, cv2.LINE_AA)
+        # A shadow about the letters, or they would be lost before a bright wall.
+        around = cv2.dilate(letters, np.ones((2 * thickness + 1, 2 * thickness + 1), np.uint8))
+        shadow = cv2.GaussianBlur(around, (0, 0), 1.5 * thickness)[..., None] / np.float32(255)
         ink = letters[..., None] / np.float32(255)
-        captioned.append(picture * (1 - ink) + np.float32(0.92) * ink)
+        shaded = picture * (1 - np.float32(0.75) * shadow)
+        captioned.append(shaded * (1 - ink) + np.float32(0.92) * ink)
     return np.concatenate(captioned, axis=1)
 
 
@@ -195,8 +199,8 @@ class _Group:
 
     channels  a slice of them
     triples   how many
-    maps      by form of the Light, and "irradiance": a cube texture for each triple
-    lights    flux of the lights (K, triples, 3) by form
+    maps      by form of the Light, "matt" for its irradiance: a cube texture for each triple
+    lights    flux of the lights (K, triples, 3) by form, and "matt"
     """
 
     channels: slice
@@ -267,7 +271,7 @@ class _Renderer:
         parts = {"whole": prepared.whole, "narrow": prepared.narrow, "broad": prepared.broad}
         for name, mips in [
             *((name, part.mips) for name, part in parts.items()),
-            ("irradiance", [prepared.irradiance]),
+            ("matt", [prepared.matt.irradiance]),
         ]:
             if name == "narrow" and mips is prepared.whole.mips:
                 maps[name] = maps["whole"]
@@ -278,6 +282,7 @@ class _Renderer:
                 for k in range(triples)
             ]
         fluxes = {name: _triples(part.flux, taken) for name, part in parts.items()}
+        fluxes["matt"] = _triples(prepared.matt.flux, taken)
         columns = np.swapaxes(_triples(matrix, taken), 0, 1)  # (triples, 3, 3), rows first
         return _Group(
             taken,
@@ -395,6 +400,9 @@ class _Renderer:
                 lamps=len(parts.flux),
                 lamp_direction=parts.directions,
                 lamp_flux=group.lights[seen],
+                matt_lamps=len(prepared.matt.flux),
+                matt_direction=prepared.matt.directions,
+                matt_flux=group.lights["matt"],
                 roughness=np.broadcast_to(material.roughness, 2),
                 rho_d=_triples(material.diffuse, group.channels),
                 rho_s=_triples(specular, group.channels),
@@ -404,7 +412,7 @@ class _Renderer:
             targets = self._targets
             textures = {
                 "radiance": group.maps[seen],
-                "irradiance": group.maps["irradiance"],
+                "irradiance": group.maps["matt"],
                 "facing": [targets[0]],
                 "what": [targets[1]],
             }

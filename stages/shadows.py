@@ -206,8 +206,9 @@ def _hidden(meshes: list[Mesh], directions, device, backend):
     places = _rows((vertices - middle) / cell)
     normals = _rows(np.concatenate([mesh.normals for mesh in meshes]))
     with opengl(device, backend) as context:
-        depth = context.depth_texture((_MAP, _MAP))
-        target = context.framebuffer([], depth)
+        # Depth once more as a colour: Mesa takes ten times as long to read a depth buffer.
+        stored = context.renderbuffer((_MAP, _MAP), 1, dtype="f4")
+        target = context.framebuffer([stored], context.depth_renderbuffer((_MAP, _MAP)))
         compiled = program(context, "shadow.vert", "shadow.frag")
         array = context.vertex_array(
             compiled,
@@ -223,11 +224,11 @@ def _hidden(meshes: list[Mesh], directions, device, backend):
             clip_from_cells = np.eye(4)
             clip_from_cells[:3, :3] = axes * (2 / _MAP)
             clip_from_cells[2] *= -1  # the nearest to the light has the least depth
-            target.clear(depth=1.0)
+            target.clear(1.0, depth=1.0)
             set_uniforms(compiled, clip_from_world=clip_from_cells.T)
             array.render()
-            stored = np.frombuffer(target.read(attachment=-1, components=1, dtype="f4"), np.float32)
-            nearest = (0.5 - stored) * _MAP  # cells towards the light
+            depth = np.frombuffer(target.read(components=1, dtype="f4"), np.float32)
+            nearest = (0.5 - depth) * _MAP  # cells towards the light
             share = _share_hidden(nearest, places[:, lit], normals[:, lit], cosine[lit], axes)
             result[lit, k] = np.round(255 * share)
     return result

@@ -10,6 +10,7 @@
 #include "octahedron.glsl"
 
 const int MOST_LAMPS = 32;
+const int MATT_LAMPS = 8;
 const int STEPS = 24;  // of specular reflectance by angle
 
 uniform sampler2D facing, what;           // as surface.frag left them
@@ -23,7 +24,10 @@ uniform samplerCube radiance[TRIPLES];    // from each direction, without the la
 uniform int lamps;
 uniform vec3 lamp_direction[MOST_LAMPS];  // unit, towards the lamp
 uniform Channels lamp_flux[MOST_LAMPS];   // radiance times solid angle
-uniform samplerCube irradiance[TRIPLES];  // over pi, facing each direction
+uniform samplerCube irradiance[TRIPLES];  // over pi, facing each direction, without the lamps
+uniform int matt_lamps;                   // the same lamps as few directions: a matt surface has no
+uniform vec3 matt_direction[MATT_LAMPS];  // use for more, but for the line at which their light ends
+uniform Channels matt_flux[MATT_LAMPS];
 uniform float face_size;                  // texels along a face of radiance's level 0
 uniform int samples;                      // a point
 uniform int supersampling;                // points along a pixel's side; each has other samples
@@ -75,6 +79,8 @@ void main()
     vec3 v = -normalize(world_direction);
     vec3 n = direction_from_octahedron(turned.xy);
     Channels light = FETCH(irradiance, n, 0.0);
+    for (int i = 0; i < matt_lamps; ++i)
+        light += matt_flux[i] * (max(dot(n, matt_direction[i]), 0.0) / PI);
 #if SHADED
     vec4 a = texelFetch(sky_a, at, 0), b = texelFetch(sky_b, at, 0);
     vec4 first = texelFetch(lost[0], at, 0);
