@@ -1,45 +1,94 @@
-"""The exposures of a bracket, decoded and developed one at a time."""
+"""The exposures of a bracket, decoded once and kept in a file to be read by rows."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import os
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from pipeline import io
-from stages.develop import develop
-from stages.types import Exposure
+from pipeline.errors import storing
+from stages.merge import workers
+from stages.types import Frame
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
 class Bracket:
-    """What `stages.merge` iterates over, as often as it likes.
+    """Raw files as `stages.merge` takes them.
 
-    files      raw files of one scene through one filter
+    files      of one scene through one filter
     exposures  time_s, iso and f_number of each
+    folder     where the decoded samples go meanwhile, 2 bytes a pixel and exposure; None: where
+               temporary files go
     """
 
     files: Sequence[Path]
     exposures: Sequence[Mapping[str, float]]
+    folder: Path | None = None
 
     @classmethod
     def of(cls, shots: Sequence[io.Shot]) -> Bracket:
         return cls([s.path for s in shots], [exposure(s) for s in shots])
 
-    def __iter__(self) -> Iterator[Exposure]:
-        # One decoding thread ahead of the merge; no more, or the frames would pile up.
-        with ThreadPoolExecutor(1) as pool:
-            ahead = pool.submit(self._developed, 0)
-            for i in range(1, len(self.files)):
-                ready, ahead = ahead, pool.submit(self._developed, i)
-                yield ready.result()
-            yield ahead.result()
+    @contextmanager
+    def decoded(self, look: Callable[[Frame], T]) -> Iterator[Decoded[T]]:
+        """Decodes each file once, in threads, as LibRaw lets others run meanwhile."""
+        place = self.folder or tempfile.gettempdir()
+        with storing(place), tempfile.TemporaryFile(dir=place) as spool:
 
-    def _developed(self, i: int) -> Exposure:
-        return develop(io.read_frame(self.files[i], **self.exposures[i]))
+            def one(i: int) -> tuple[T, tuple[int, ...]]:
+                with io.opened_frame(self.files[i], **self.exposures[i]) as frame:
+                    samples = np.ascontiguousarray(frame.samples)
+                    _write(spool.fileno(), samples, i * samples.nbytes)
+                    return look(frame), samples.shape
+
+            with ThreadPoolExecutor(workers()) as pool:
+                seen, shapes = zip(*pool.map(one, range(len(self.files))), strict=True)
+            assert len(set(shapes)) == 1, "exposures of different sizes"
+            yield Decoded(seen, spool.fileno(), shapes[0])
+
+
+@dataclass(frozen=True)
+class Decoded(Generic[T]):
+    """See `stages.merge.Decoded`."""
+
+    seen: Sequence[T]
+    spool: int
+    shape: tuple[int, ...]
+
+    def rows(self, top: int, bottom: int) -> NDArray[np.uint16]:
+        height, width = self.shape
+        rows = np.empty((len(self.seen), bottom - top, width), np.uint16)
+        for i, into in enumerate(rows):
+            _read(self.spool, into, 2 * width * (i * height + top))
+        return rows
 
 
 def exposure(shot: io.Shot) -> dict[str, float]:
-    """What a raw file's samples must be divided by, as `io.read_frame` takes it."""
+    """What a raw file's samples must be divided by, as `io.opened_frame` takes it."""
     return {"time_s": shot.time_s, "iso": shot.iso, "f_number": shot.f_number}
+
+
+def _write(file: int, array: NDArray, offset: int) -> None:
+    data = array.data.cast("B")
+    while data:
+        written = os.pwrite(file, data, offset)
+        data, offset = data[written:], offset + written
+
+
+def _read(file: int, array: NDArray, offset: int) -> None:
+    data = array.data.cast("B")
+    while data:
+        read = os.preadv(file, [data], offset)
+        assert read, "the spool ended early"
+        data, offset = data[read:], offset + read

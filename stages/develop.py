@@ -14,28 +14,32 @@ BAND = 0.005  # wider than a clipped sensor's own spread, narrower than photon n
 LOWEST_PILE_UP = 0.7  # no camera we know clips further below its tag; a still of a Canon's video
 # mode may end at 0.78
 STRAY = 1e-5  # share of samples of a colour that may lie above a pile-up
+COUNTED = 1 << 20  # samples of a CFA position that a histogram is made of, at least
 
 
-def develop(frame: Frame) -> Exposure:
+def develop(frame: Frame, limit: NDArray[np.float64] | None = None) -> Exposure:
     """One raw file as a linear photograph: black taken off, full scale 1, saturation marked.
 
     The scale comes from the tagged levels alone, so that it is the same in every exposure of a
-    camera. What saturated is judged by the data where they show it, see `_saturated_from`: tags
+    camera. What saturated is judged by the data where they show it, see `pile_up`: tags
     tend to lie a little too high, and a clipped sample taken for a good one is what turns
     highlights magenta. A saturated sample says nothing of its neighbours of other colours, which
     stay usable: a value that did not clip is right whatever clipped beside it, and `merge` takes
     the clipped one from a shorter exposure. Where no exposure has it `demosaic` gives no pixel.
+
+    limit  (2, 2) raw value per CFA position from which on samples do not count; None: from the
+           frame itself
     """
     cfa, samples = frame.cfa, frame.samples
-    limit = _saturated_from(frame)
+    if limit is None:
+        limit = usable_below(frame, [pile_up(frame)])
     mosaic = np.empty(samples.shape, np.float32)
     usable = np.empty(samples.shape, np.bool_)
-    for y in range(2):
-        for x in range(2):
-            plane = samples[y::2, x::2]
-            black, saturation = frame.black_level[y, x], frame.saturation_level[y, x]
-            mosaic[y::2, x::2] = (plane - np.float32(black)) * np.float32(1 / (saturation - black))
-            usable[y::2, x::2] = plane < limit[y, x]
+    for y, x in np.ndindex(2, 2):
+        plane = samples[y::2, x::2]
+        black, saturation = frame.black_level[y, x], frame.saturation_level[y, x]
+        mosaic[y::2, x::2] = (plane - np.float32(black)) * np.float32(1 / (saturation - black))
+        usable[y::2, x::2] = plane < limit[y, x]
     return Exposure(
         mosaic=mosaic,
         usable=usable,
@@ -46,39 +50,68 @@ def develop(frame: Frame) -> Exposure:
     )
 
 
-def _saturated_from(frame: Frame) -> NDArray[np.float64]:
+def usable_below(frame: Frame, edges, override: float | None = None) -> NDArray[np.float64]:
     """Raw value (2, 2) per CFA position from which on samples do not count.
 
-    Per colour, since analogue gains differ: the lower edge of the pile-up where there is one
-    that lies below the tagged level, otherwise the tagged level; less a margin.
+    frame     for its tagged levels
+    edges     (K, 2, 2) where samples of photographs with the same camera and ISO pile up
+    override  raw saturation level to be believed instead
+
+    The sensor is one, so the photographs that show where it fills up say so for the others: the
+    median of them, where it lies below the tagged level; less a margin.
     """
-    limit = np.empty((2, 2))
+    full = frame.saturation_level - frame.black_level
+    if override is not None:
+        return override - MARGIN * full
+    edges = np.asarray(edges, np.float64)
+    found = np.array(frame.saturation_level, np.float64)
+    for at in np.ndindex(2, 2):
+        shown = edges[:, *at][np.isfinite(edges[:, *at])]
+        if shown.size:
+            found[at] = min(found[at], np.median(shown))
+    return found - MARGIN * full
+
+
+def pile_up(frame: Frame) -> NDArray[np.float64]:
+    """Raw value (2, 2) per CFA position where clipped samples pile up; inf where none do.
+
+    Per colour, since analogue gains differ. Large frames are judged by some of their rows.
+    """
+    edges = np.empty((2, 2))
+    step = max(1, frame.samples.size // 4 // COUNTED)
     for colour in np.unique(frame.cfa):
         sites = np.argwhere(frame.cfa == colour)
-        counts = np.sum([_histogram(frame.samples[y::2, x::2]) for y, x in sites], axis=0)
+        black = max(frame.black_level[y, x] for y, x in sites)
+        saturation = max(frame.saturation_level[y, x] for y, x in sites)
+        floor = int(black + (LOWEST_PILE_UP - 2 * BAND) * (saturation - black))
+        total, high = 0, np.zeros(0, np.int_)
         for y, x in sites:
-            black, saturation = frame.black_level[y, x], frame.saturation_level[y, x]
-            edge = min(saturation, _pile_up(counts, black, saturation))
-            limit[y, x] = edge - MARGIN * (saturation - black)
-    return limit
+            plane = frame.samples[y :: 2 * step, x::2]
+            total += plane.size
+            above = np.bincount(plane[plane > floor] - np.uint16(floor), minlength=len(high))
+            above[: len(high)] += high
+            high = above
+        edges[frame.cfa == colour] = floor + _heap(high, total, saturation - black)
+    return edges
 
 
-def _histogram(plane: NDArray[np.uint16]) -> NDArray[np.int_]:
-    return np.bincount(plane.ravel(), minlength=1 << 16)
-
-
-def _pile_up(counts: NDArray[np.int_], black: float, saturation: float) -> float:
+def _heap(counts: NDArray[np.int_], total: int, full: float) -> float:
     """Lower edge of the heap of clipped samples at a histogram's top end; inf where there is none.
+
+    counts  of the upper end of the range, from LOWEST_PILE_UP less two bands on
+    total   samples, those below included
+    full    raw steps of full scale
 
     Light that does not clip thins out towards its brightest sample, over a width that photon noise
     alone makes wider than BAND. Clipped light ends at its densest. So it is a pile-up when
     the topmost band holds several times more samples than the band below it.
     (A noise-free picture of one bright tone, which no sensor makes, looks the same.)
     """
-    band = BAND * (saturation - black)
+    band = BAND * full
     above = np.cumsum(counts[::-1])[::-1]  # samples at this value or higher
-    top = int(np.flatnonzero(above > STRAY * above[0])[-1])
-    if top < black + LOWEST_PILE_UP * (saturation - black):
+    many = np.flatnonzero(above > STRAY * total)
+    top = int(many[-1]) if many.size else 0
+    if top < 2 * band:
         return np.inf
     edge = top - band
     in_band = above[int(np.ceil(edge))]

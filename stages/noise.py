@@ -1,22 +1,59 @@
 """The noise of a developed sample: variance = gain * signal + read^2, in units of full scale.
 
 `gain` is photon noise (one over the electrons at full scale), `read` all that is there without
-light: amplifier and quantisation.
+light: amplifier and quantisation. What pixels differ in response (`prnu`) is no noise between
+exposures, as it is the same in each, but an error of what they say together.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stages.types import Float
 
 BINS = 24  # of signal, per pair of exposures
-SAMPLES = 50_000  # of a pair: each bin's variance is then known to 3 %
+SAMPLES = 150_000  # of all pairs; of one at most a third: each bin's variance is known to 3 %
 NARROWEST = 3.0  # raw steps a bin is wide: within one step samples hardly differ
 FEWEST = 100  # differences in a bin, so that its variance is known to 14 %
 TYPICAL_READ_STEPS = 2.0
+
+SMOOTH = 0.05  # share of the blocks of a picture that may be plain, by which prnu is judged
+FEWEST_BLOCKS = 40
+MOST_PRNU = 0.015  # sensors lie between 0.2 and 1 %; above, it is the picture's texture
+
+
+@dataclass(frozen=True)
+class Model:
+    """Noise at each of I sensitivities, and what it was measured by: a photon transfer curve.
+
+    gain, read  (I,)
+    transfer    (n, 4) a bin a row: sensitivity's index, signal, its sample's variance as seen, and
+                by the model. Only of exposures of one sensitivity.
+    """
+
+    gain: NDArray[np.float64]
+    read: NDArray[np.float64]
+    transfer: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Pair:
+    """The same pixels in two exposures, none saturated.
+
+    shorter, longer  (n,) full scale
+    ratio            shorter / longer of the exposures' light
+    of               index of the sensitivity of each
+    """
+
+    shorter: Float
+    longer: Float
+    ratio: float
+    of: tuple[int, int] = (0, 0)
 
 
 def typical(levels: float) -> tuple[float, float]:
@@ -30,64 +67,99 @@ def typical(levels: float) -> tuple[float, float]:
     return 1.0 / levels, TYPICAL_READ_STEPS / levels
 
 
-def measure(pairs: Sequence[tuple[Float, Float, float]], levels: float) -> tuple[float, float]:
-    """(gain, read) of a camera from the same samples in two exposures, several times over.
+def measure(
+    pairs: Sequence[Pair], levels: float, count: int = 1, start: Model | None = None
+) -> Model:
+    """The noise of a camera at `count` sensitivities, from pairs of exposures.
 
-    pairs   (shorter, longer, ratio): samples (n,) in full scale, none saturated, of the same
-            pixels, with the ratio shorter / longer of the exposures' light
     levels  raw steps between black and saturation: the least read noise is that of rounding
+    start   what is known already, to tell the signal in a pair by; None: nothing
 
-    What a pixel is cancels in the difference d = shorter - ratio longer, its sensitivity
+    What a pixel is cancels in the difference d = shorter - ratio longer, its response
     included, and only noise is left: with s the signal in the shorter exposure,
-    var(d) = gain s (1 + ratio) + read^2 (1 + ratio^2). So d is binned by s, its robust variance
-    taken in each bin, and a line laid through the bins, each weighted by how well it is known.
-    Where there are too few differences, or no photon noise in them, the answer is `typical`.
+    var(d) = s (gain_shorter + ratio gain_longer) + read_shorter^2 + ratio^2 read_longer^2. So d is
+    binned by s, its robust variance taken in each bin, and the model laid through the bins of all
+    pairs, each weighted by how well it is known. A sensitivity for which there are too few
+    differences, or no photon noise in them, is `typical`.
     """
-    gain, read = typical(levels)
-    for _ in range(2):  # the bins want to know the noise, a little
-        binned = [_bins(*pair, levels, gain, read) for pair in pairs]
-        signal, ratio, variance, n = np.concatenate([np.empty((0, 4)), *binned]).T
-        if len(n) < 3:
-            return typical(levels)
-        design = np.stack([signal * (1 + ratio), 1 + ratio**2], axis=1)
-        expected = variance
-        for _ in range(4):  # weights from the line, not from the bins' own scatter about it
-            weight = np.sqrt(n / 2) / np.maximum(expected, 1e-3 * variance.max())
-            slope, offset = np.linalg.lstsq(
-                design * weight[:, None], variance * weight, rcond=None
-            )[0]
-            expected = design @ (slope, offset)
-        if slope <= 0:
-            return typical(levels)
-        gain, read = float(slope), float(np.sqrt(max(offset, (1 / levels) ** 2 / 12)))
+    usual = typical(levels)
+    most = SAMPLES // max(3, len(pairs))
+    gain, read = np.full(count, usual[0]), np.full(count, usual[1])
+    if start is not None:
+        gain, read = start.gain, start.read
+    rows = np.empty((0, 6))
+    for _ in range(2 if start is None else 1):  # the bins want to know the noise, a little
+        binned = [_bins(pair, most, levels, gain, read) for pair in pairs]
+        rows = np.concatenate([np.empty((0, 6)), *binned])
+        gain, read = _fitted(rows, levels, count)
+    signal, ratio, variance, _, a, b = rows.T
+    a, b = a.astype(int), b.astype(int)
+    one = a == b
+    # Of one sample: with equal noise in both, var(d) = gain s (1 + ratio) + read^2 (1 + ratio^2).
+    model = gain[a] * signal * (1 + ratio) + read[a] ** 2 * (1 + ratio**2)
+    single = gain[a] * signal + read[a] ** 2
+    transfer = np.stack([a, signal, variance * single / model, single], axis=1)[one]
+    return Model(gain, read, transfer)
+
+
+def _fitted(rows, levels: float, count: int):
+    """Gain and read (I,) that fit binned variances best."""
+    signal, ratio, variance, n, a, b = rows.T
+    a, b = a.astype(int), b.astype(int)
+    gain, read = (np.full(count, v) for v in typical(levels))
+    rounding = (1 / levels) ** 2 / 12
+    used = np.flatnonzero(np.bincount(np.concatenate([a, b]), minlength=count) >= 3)
+    if len(n) < 3 or not len(used):
+        return gain, read
+    photons, dark = (np.zeros((len(n), count)) for _ in range(2))
+    each = np.arange(len(n))
+    for of, s, r in ((a, signal, np.ones_like(ratio)), (b, ratio * signal, ratio**2)):
+        photons[each, of] += s
+        dark[each, of] += r
+    design = np.concatenate([photons[:, used], dark[:, used]], axis=1)
+    solved = np.zeros(2 * len(used))
+    expected = variance
+    for _ in range(4):  # weights from the model, not from the bins' own scatter about it
+        weight = np.sqrt(n / 2) / np.maximum(expected, 1e-3 * variance.max())
+        solved = np.linalg.lstsq(design * weight[:, None], variance * weight, rcond=None)[0]
+        expected = design @ solved
+    slope, offset = solved[: len(used)], solved[len(used) :]
+    found = used[slope > 0]
+    gain[found] = slope[slope > 0]
+    read[found] = np.sqrt(np.maximum(offset[slope > 0], rounding))
     return gain, read
 
 
-def _bins(shorter: Float, longer: Float, ratio: float, levels: float, gain: float, read: float):
-    """Rows of signal, ratio, variance of the difference, count: (bins, 4) of about equal count.
+def _bins(pair: Pair, most: int, levels: float, gains, reads):
+    """Rows of signal, ratio, variance of the difference, count and both sensitivities: (bins, 6).
 
     The signal is binned by its best estimate from both samples, x_short / v_short +
     x_long / (ratio v_long) to scale: that one alone has no part in the difference's noise. Sorted
     by either sample, or by their sum, each bin would hold a choice of differences.
     """
-    thin = 1 + len(shorter) // SAMPLES
+    shorter, longer, ratio = pair.shorter, pair.longer, pair.ratio
+    thin = 1 + len(shorter) // most
     shorter, longer = shorter[::thin].astype(np.float64), longer[::thin].astype(np.float64)
     bins = min(BINS, len(shorter) // FEWEST)
     if bins == 0:
-        return np.empty((0, 4))
+        return np.empty((0, 6))
+    a, b = pair.of
     difference = shorter - ratio * longer
     roughly = np.maximum(shorter + longer, 0) * (ratio / (1 + ratio))
-    share = (gain * roughly + ratio * read**2) / (gain * roughly + read**2)
-    signal = (share * shorter + longer) / (share + 1 / ratio)
+    short_variance = gains[a] * roughly + reads[a] ** 2
+    long_variance = gains[b] * roughly * ratio + ratio**2 * reads[b] ** 2  # of ratio * longer
+    share = long_variance / (short_variance + long_variance)
+    signal = share * shorter + (1 - share) * ratio * longer
+    order = np.argsort(signal)
+    difference, signal = difference[order], signal[order]
     edges = _edges(np.quantile(signal, np.linspace(0, 1, bins + 1)), NARROWEST / levels)
-    bin_of = np.searchsorted(edges[1:-1], signal, side="right")
     rows = []
-    for i in range(len(edges) - 1):
-        members = bin_of == i
-        if np.count_nonzero(members) >= FEWEST:
+    ends = [0, *np.searchsorted(signal, edges[1:-1]), len(signal)]
+    for members in itertools.starmap(slice, itertools.pairwise(ends)):
+        if members.stop - members.start >= FEWEST:
             variance, count = _clipped_variance(difference[members], signal[members], 1 / levels)
-            rows.append((signal[members].mean(), ratio, variance, count))
-    return np.array(rows).reshape(-1, 4)
+            rows.append((signal[members].mean(), ratio, variance, count, a, b))
+    return np.array(rows).reshape(-1, 6)
 
 
 def _edges(quantiles, narrowest: float) -> list[float]:
@@ -121,3 +193,38 @@ def _clipped_variance(x, signal, step: float) -> tuple[float, int]:
         residual = residual - residual[kept].mean()
         kept = np.abs(residual) <= max(4 * residual[kept].std(), step)
     return float(residual[kept].var()), int(kept.sum())
+
+
+def response(blocks: Float, noise: Float) -> float | None:
+    """The pixels' unequal response (prnu), a share of the signal; None where nothing shows it.
+
+    blocks  (n, b, b) parts of a mosaic of high dynamic range, CFA cells whole; NaN where unknown
+    noise   (n, b, b) variance of the noise in them
+
+    In a plain part of the picture a pixel differs from the mean of its four next of the same
+    colour by its noise and its response alone. The scene only adds to that, so the plainest
+    blocks say it. Judged by the SMOOTH-th part of them, set right for what a minimum of many
+    uncertain values is too small by.
+    """
+    middle = blocks[:, 2:-2, 2:-2]
+    around = (
+        blocks[:, :-4, 2:-2] + blocks[:, 4:, 2:-2] + blocks[:, 2:-2, :-4] + blocks[:, 2:-2, 4:]
+    ) / 4
+    known = np.isfinite(middle + around).all(axis=(1, 2))
+    middle, around = middle[known].astype(np.float64), around[known].astype(np.float64)
+    mean = middle.mean(axis=(1, 2))
+    # The mean of four differs by a quarter of the variance besides.
+    seen = np.mean((middle - around) ** 2, axis=(1, 2)) / 1.25
+    expected = noise[known][:, 2:-2, 2:-2].mean(axis=(1, 2))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sure = (mean > 0) & (expected < (MOST_PRNU * mean) ** 2)
+        excess = (seen - expected) / mean**2
+    excess, floor = excess[sure], (expected / mean**2)[sure]
+    if len(excess) < FEWEST_BLOCKS:
+        return None
+    lowest = np.quantile(excess, SMOOTH)
+    # A block of m values knows a variance to sqrt(2 / m) of itself, a little worse as neighbours
+    # share values; the SMOOTH quantile of a normal distribution lies 1.64 of those below.
+    spread = 1.64 * np.sqrt(2.5 / middle[0].size)
+    prnu2 = (lowest + spread * np.median(floor)) / (1 - spread)
+    return None if prnu2 > MOST_PRNU**2 else float(np.sqrt(max(prnu2, 0.0)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,23 +77,36 @@ class Radiance:
     mosaic    (H, W) float32, camera signal per unit of light; NaN where no exposure knows it
     variance  (H, W) float32, of the mosaic; NaN there too
     valid     (H, W) bool
-    defective (H, W) bool, hot and dead pixels: not valid, but their neighbours may stand in for
-              them, as they may not where the light itself was too bright
+    lost      (H, W) bool, saturated in every exposure: not valid, and at least `at_least`
+    defective (H, W) bool, hot, stuck and dead pixels: not valid, but their neighbours may stand in
+              for them, as they may not where the light itself was too bright
+    moved     (H, W) bool, the exposures contradict each other: valid, from those that agree
+    at_least  (2, 2) per CFA position, what light must exceed to saturate every exposure
     cfa       (2, 2) int, as in Frame
     tagged    (K,) light of each exposure as tagged, in the order given
     solved    (K,) the same as solved from the overlaps
-    noise     (gain, read): variance of an Exposure's sample = gain * sample + read^2
+    series    (K,) the same with the times of the true shutter series, which tags are rounded from
+    noise     (K, 2) gain and read of each exposure: variance of a sample = gain * signal + read^2
     clipped   (K,) share of samples that saturated, per exposure
-    lost      share of samples that saturate in every exposure
+    alike     (K,) for each exposure the first that is the same photograph; itself as a rule
+    prnu      the pixels' unequal response, as a share of the signal: its variance is prnu^2
+              mosaic^2, alike in all exposures; 0 where it is not known
+    transfer  (n, 4) what the noise was measured by, see `stages.noise.Model`
     """
 
     mosaic: Float
     variance: Float
     valid: NDArray[np.bool_]
+    lost: NDArray[np.bool_]
     defective: NDArray[np.bool_]
+    moved: NDArray[np.bool_]
+    at_least: NDArray[np.float64]
     cfa: NDArray[np.int_]
     tagged: tuple[float, ...]
     solved: tuple[float, ...]
-    noise: tuple[float, float]
+    noise: NDArray[np.float64]
     clipped: tuple[float, ...]
-    lost: float
+    alike: tuple[int, ...] = ()
+    series: tuple[float, ...] = ()
+    prnu: float = 0.0
+    transfer: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 4)))

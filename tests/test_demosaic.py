@@ -30,13 +30,18 @@ def radiance(mosaic, cfa=RGGB, variance=1e-10, lost=None, defective=None):
         mosaic=np.where(valid, mosaic, np.nan).astype(np.float32),
         variance=np.where(valid, variance, np.nan).astype(np.float32),
         valid=valid,
+        lost=lost,
         defective=defective,
+        moved=none,
+        at_least=np.full((2, 2), np.inf),
         cfa=cfa,
         tagged=(1.0,),
         solved=(1.0,),
-        noise=(1e-4, 1e-3),
+        noise=np.array([[1e-4, 1e-3]]),
+        prnu=0.0,
+        transfer=np.empty((0, 4)),
         clipped=(0.0,),
-        lost=float(lost.mean()),
+        alike=(0,),
     )
 
 
@@ -130,16 +135,13 @@ def test_a_straight_edge_of_the_same_tint_stays_sharp_and_of_that_tint(vertical)
     np.testing.assert_allclose(np.delete(along, (19, 20), 0), np.delete(expected, (19, 20), 0))
 
 
-def test_it_beats_bilinear_interpolation_where_the_picture_has_detail():
+def each_colour_alone(mosaic):
+    """A picture from each colour's own RGGB samples, bilinear at their exact places."""
     import cv2
 
-    y, x = np.mgrid[:120, :120]
-    rings = 1 + 0.5 * np.sin(((x - 60) ** 2 + (y - 60) ** 2) / 60.0)  # down to 3 px a period
-    picture = cv2.GaussianBlur(rings, (0, 0), 0.7)[..., None] * [0.6, 1.0, 0.5]
-    mosaic = mosaic_of(picture, RGGB)
-    colour = np.tile(RGGB, (60, 60))
+    colour = np.tile(RGGB, (mosaic.shape[0] // 2, mosaic.shape[1] // 2))
     kernel = np.outer([1, 2, 1], [1, 2, 1]) / 4.0
-    bilinear = np.stack(
+    return np.stack(
         [
             cv2.filter2D(mosaic * (colour == c), -1, kernel)
             / cv2.filter2D(1.0 * (colour == c), -1, kernel)
@@ -147,6 +149,55 @@ def test_it_beats_bilinear_interpolation_where_the_picture_has_detail():
         ],
         axis=-1,
     )
+
+
+def panels(rng, size=160, fine=4):
+    """A picture (size, size, 3) of overlapping straight-edged things, each of one colour."""
+    import cv2
+
+    picture = np.full((size * fine, size * fine, 3), (0.5, 1.0, 0.6))
+    for _ in range(40):
+        centre, half = rng.uniform(0, size * fine, 2), rng.uniform(8, 100, 2)
+        corners = cv2.boxPoints((centre.tolist(), half.tolist(), rng.uniform(0, 90)))
+        shade = 10.0 ** rng.uniform(-1, 0.7)
+        colour = shade * np.array([0.5, 1.0, 0.6]) * rng.uniform(0.7, 1.3, 3)
+        cv2.fillConvexPoly(picture, corners.astype(np.int32), colour.tolist())
+    pixels = picture.reshape(size, fine, size, fine, 3).mean(axis=(1, 3))
+    return cv2.GaussianBlur(pixels, (0, 0), 0.5)  # the lens
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_edges_and_tints_come_out_truer_than_from_each_colour_alone(noise):
+    """What decides against a plain 2 x 2 `bin`: light averaged over the texels of a map."""
+    rng = np.random.default_rng(6)
+    truth = panels(rng)
+    clean = mosaic_of(truth, RGGB)
+    variance = noise**2 * clean + 1e-12
+    mosaic = clean + np.sqrt(variance) * rng.normal(size=clean.shape)
+
+    def texels(picture):  # of 2 x 2 px
+        return picture[4:-4, 4:-4].reshape(76, 2, 76, 2, 3).mean(axis=(1, 3))
+
+    def errors(picture):
+        got, true = texels(picture), texels(truth)
+        tint = np.log(got / got[..., 1:2]) - np.log(true / true[..., 1:2])
+        return np.percentile(np.abs(got / true - 1), [50, 95]), np.percentile(np.abs(tint), 95)
+
+    (middle, far), tint = errors(demosaic(radiance(mosaic, variance=variance)).values)
+    (plain_middle, plain_far), plain_tint = errors(each_colour_alone(mosaic))
+    assert middle <= 1.02 * plain_middle
+    assert far < 0.8 * plain_far
+    assert tint < 0.8 * plain_tint
+
+
+def test_it_beats_bilinear_interpolation_where_the_picture_has_detail():
+    import cv2
+
+    y, x = np.mgrid[:120, :120]
+    rings = 1 + 0.5 * np.sin(((x - 60) ** 2 + (y - 60) ** 2) / 60.0)  # down to 3 px a period
+    picture = cv2.GaussianBlur(rings, (0, 0), 0.7)[..., None] * [0.6, 1.0, 0.5]
+    mosaic = mosaic_of(picture, RGGB)
+    bilinear = each_colour_alone(mosaic)
     ours = demosaic(radiance(mosaic)).values
     inside = (slice(4, -4), slice(4, -4))
     error = [np.sqrt(np.mean((image - picture)[inside] ** 2)) for image in (ours, bilinear)]

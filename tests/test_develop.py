@@ -6,7 +6,7 @@ import pytest
 
 from stages.demosaic import demosaic
 from stages.develop import develop
-from stages.merge import merge
+from stages.merge import InMemory, merge
 from stages.types import Frame
 
 RGGB = np.array([[0, 1], [1, 2]])
@@ -122,7 +122,7 @@ def test_a_real_file_develops_to_neutral_greys(real):
     exposure = develop(real)
     assert exposure.usable.all()  # nothing clips in it: no heap at its top, 12128 of 15000
     assert exposure.mosaic.min() > -0.01
-    image = demosaic(merge([exposure])).values
+    image = demosaic(merge(InMemory([real]))).values
     # Black interstices reflect some 2 % of white; with a wrong black level they would not.
     assert np.all(np.abs(np.percentile(image, 1, axis=(0, 1))) < 0.01)
     # Four grey patches, from 59 % to 9 %; the window's flare tints darker ones.
@@ -141,9 +141,9 @@ def test_clipped_areas_of_a_real_file_are_unknown_not_magenta(real):
     clipped = replace(
         real, samples=np.minimum(real.samples, ceiling), saturation_level=np.full((2, 2), tag)
     )
-    image = demosaic(merge([develop(clipped)]))
+    image = demosaic(merge(InMemory([clipped])))
     known = image.valid == 1
-    truth = demosaic(merge([develop(real)])).values  # of what did not clip
+    truth = demosaic(merge(InMemory([real]))).values  # of what did not clip
     scale = (15000 - 2056) / (tag - 2056)
     assert (~known).sum() > 500  # the lamp behind the window
     # Green of all that is known and bright is that of the unclipped picture.

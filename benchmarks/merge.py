@@ -1,0 +1,318 @@
+"""Radiometry: a merged bracket against known truth, against reading the files, and beside peers.
+
+Brackets are made up over 13 stops with sensors of 10 to 14 bit. The bound of a variance is
+Cramer and Rao's: the information of all samples that did not saturate, added up.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from datetime import datetime
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.figure import Figure
+from pipeline.bracket import Bracket
+from pipeline.simulate.camera import Camera, Shutter, expose
+from pipeline.simulate.dng import Shot, write_dng
+from stages.merge import InMemory, merge, workers
+from stages.types import Frame
+
+RGGB = np.array([[0, 1], [1, 2]])
+TAGS_S = 2.0 ** np.arange(-10, 1, 2.0)  # six exposures, two stops apart
+OFF = np.array([1.03, 0.93, 1.0, 1.05, 0.97, 1.02])  # by what the shutter strays from its tags
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """bits of the converter, electrons of full scale, read noise in electrons."""
+
+    bits: int
+    electrons: float
+    read: float
+
+    @property
+    def black(self) -> int:
+        return 2**self.bits // 16
+
+    @property
+    def levels(self) -> int:
+        return 2**self.bits - 1 - self.black
+
+    def shoot(self, world, time_s: float, tag_s: float, rng, dark=0.0) -> Frame:
+        """A raw file of a world (H, W) in full scale per second."""
+        seen = rng.poisson(np.minimum((world + dark) * time_s, 20) * self.electrons)
+        signal = (seen + rng.normal(0, self.read, world.shape)) / self.electrons
+        raw = np.clip(np.round(self.black + signal * self.levels), 0, 2**self.bits - 1)
+        black = np.full((2, 2), float(self.black))
+        return Frame(raw.astype(np.uint16), RGGB, black, black + self.levels, tag_s, 100.0, 1.0)
+
+    def information(self, world, times_s):
+        """Of each exposure about the world, per unit: (K, ...)."""
+        world = np.asarray(world)[None]
+        t = np.reshape(times_s, (-1, *[1] * (world.ndim - 1)))
+        noise = world * t / self.electrons + (self.read / self.electrons) ** 2
+        noise += 1 / self.levels**2 / 12
+        return (world * t < 0.95) * t**2 / noise
+
+
+SENSORS = (Sensor(10, 8000, 12), Sensor(12, 30000, 6), Sensor(14, 40000, 3), Sensor(14, 80000, 4))
+
+
+def measure() -> Iterator[Figure]:
+    for sensor in SENSORS:
+        yield from _levels(sensor)
+    yield from _pixels()
+    yield from _movement()
+    yield from _peers()
+    yield from _files()
+
+
+def _levels(sensor: Sensor) -> Iterator[Figure]:
+    """Stripes from read noise in the longest exposure to near saturation in the shortest."""
+    name = f"{sensor.bits} bit, {sensor.electrons:.0f} e-"
+    rng = np.random.default_rng(sensor.bits)
+    lowest = max(sensor.read / sensor.electrons, 0.5 / sensor.levels)
+    levels = np.geomspace(lowest, 0.8 / TAGS_S[0], 36)
+    # As many pixels as it takes to see a bias of .2 %, up to a million a stripe.
+    sure = 0.0004 * levels * np.sqrt(sensor.information(levels, TAGS_S * OFF).sum(axis=0))
+    columns = np.clip(np.ceil(1 / sure**2 / 1000 / 2) * 2, 32, 1000).astype(int) + 8
+    world = np.repeat(levels, columns)[None].repeat(1000, axis=0)
+    times = TAGS_S * OFF
+    result = merge(
+        InMemory([sensor.shoot(world, t, tag, rng) for t, tag in zip(times, TAGS_S, strict=True)])
+    )
+    off = np.array(result.solved) / times
+    scale = off.mean()
+    bound = 1 / sensor.information(levels, times).sum(axis=0)
+    bias, spread, sigma = [], [], []
+    ends = np.cumsum([0, *columns])
+    for left, right, level, best in zip(ends, ends[1:], levels, bound, strict=False):
+        inner = slice(left + 4, right - 4)
+        values = result.mosaic[:, inner].astype(np.float64) * scale
+        error = values.std() / level / np.sqrt(values.size)
+        bias.append(max(abs(values.mean() / level - 1) - 3 * error, 0))
+        spread.append(values.var() / best)
+        said = np.sqrt(result.variance[:, inner].mean(dtype=np.float64)) * scale
+        sigma.append(said / values.std() - 1)
+    yield Figure(f"{name}, bias at any level, less 3 s.e.", 100 * max(bias), "%", high=0.2)
+    clear = levels * times[:, None]
+    sharp = ~((clear > 0.9) & (clear < 1.05)).any(axis=0)  # not where half of a stripe saturates
+    yield Figure(f"{name}, variance over its bound", np.max(np.array(spread)[sharp]), "", high=1.1)
+    yield Figure(f"{name}, sigma said, worst", 100 * np.abs(sigma)[sharp].max(), "%", high=10)
+    yield Figure(f"{name}, ratios of shutters", 100 * np.abs(off / scale - 1).max(), "%", high=0.1)
+
+
+def _scene(rng, size=(800, 1000)):
+    import cv2
+
+    coarse = rng.normal(0, 1, (size[0] // 40, size[1] // 40))
+    return 0.3 * np.exp2(3 * cv2.resize(coarse, size[::-1], interpolation=cv2.INTER_CUBIC))
+
+
+def _pixels() -> Iterator[Figure]:
+    """Hot pixels that matter: half of the light about them and fifteen sigmas, or more."""
+    sensor, rng = SENSORS[1], np.random.default_rng(2)
+    world = _scene(rng, (1600, 2000))
+    hot = rng.random(world.shape) < 2e-4
+    dark = np.where(hot, 10 ** rng.uniform(-2, 1, world.shape), 0)
+    result = merge(InMemory([sensor.shoot(world, t, t, rng, dark) for t in TAGS_S]))
+    sigma = 1 / np.sqrt(sensor.information(world, TAGS_S).sum(axis=0))
+    inside = np.zeros_like(hot)
+    inside[2:-2, 2:-2] = True
+    matter = hot & inside & (dark > 0.5 * world) & (dark > 15 * sigma)
+    yield Figure("hot pixels found", 100 * result.defective[matter].mean(), "%", low=99)
+    yield Figure("good pixels taken for hot", result.defective[~hot].mean(), "", high=1e-4)
+
+
+def _movement() -> Iterator[Figure]:
+    """Things of 40 px in one exposure of six, brighter or darker."""
+    sensor, rng = SENSORS[1], np.random.default_rng(5)
+    world = _scene(rng)
+    y, x = np.mgrid[: world.shape[0], : world.shape[1]]
+    near = [((i % 120) >= 40 - m) & ((i % 120) < 80 + m) for m in (-1, 2) for i in (x, y)]
+    inner, outer = near[0] & near[1], ~(near[2] & near[3])
+    thing = ((x % 120) // 40 == 1) & ((y % 120) // 40 == 1)
+    information = sensor.information(world, TAGS_S)
+    found, biases, false = [], [], []
+    for change in (-0.3, 0.15, 0.3):
+        for k in (2, 3, 4, 5):
+            changed = np.where(thing, world * (1 + change), world)
+            frames = [
+                sensor.shoot(changed if i == k else world, t, t, rng) for i, t in enumerate(TAGS_S)
+            ]
+            result = merge(InMemory(frames))
+            others = information.sum(axis=0) - information[k]
+            seen = inner & (information[k] > 0) & (others > 0) & (changed * TAGS_S[k] < 0.9)
+            with np.errstate(divide="ignore"):
+                sigmas = np.abs(change) * world / np.sqrt(1 / information[k] + 1 / others)
+            seen &= (sigmas > 5) & (sigmas < 10) & result.valid
+            found.append(result.moved[seen])
+            sigma = 1 / np.sqrt(information.sum(axis=0))
+            biases.append(((result.mosaic - world) / sigma)[seen])
+            false.append(result.moved[outer])
+    rate, false_rate = (np.concatenate(v).mean() for v in (found, false))
+    bias = np.concatenate(biases).mean()
+    yield Figure("changes of 5 to 10 sigmas found", 100 * rate, "%", low=95)
+    yield Figure("still pixels taken for moved", 100 * false_rate, "%", high=1)
+    yield Figure("bias of the value where it moved", abs(bias), "sigma", high=0.2)
+
+
+# ------------------------------------------------------------------------------------- peers
+
+
+def _peers() -> Iterator[Figure]:
+    """The same linear exposures, merged by each: root mean square error of the log, and CPU time.
+
+    Peers are given exact times, which the tags are not; colour of a peer's own is not asked of it:
+    samples are merged as they are, demosaicing left out. They want three channels, so three
+    samples of a row make a pixel: as many numbers for them as for us.
+    """
+    sensor, rng = SENSORS[2], np.random.default_rng(7)
+    world = _scene(rng, (2000, 3000))
+    frames = [sensor.shoot(world, t, t, rng) for t in TAGS_S]
+    methods = {"sixlight": lambda: merge(InMemory(frames)).mosaic}
+    size = world.shape[0], -1, 3
+    linear = [
+        np.clip((f.samples.astype(np.float32) - sensor.black) / sensor.levels, 0, 1).reshape(size)
+        for f in frames
+    ]
+    methods["OpenCV MergeDebevec, 8 bit"] = lambda: _opencv(linear)
+    if find_spec("colour_hdri"):
+        methods["colour-hdri"] = lambda: _colour_hdri(linear)
+    else:
+        print("colour-hdri is not installed: left out", file=sys.stderr)
+    times, errors = {}, {}
+    for name, method in methods.items():
+        began = time.process_time()
+        values = method()
+        times[name] = time.process_time() - began
+        with np.errstate(divide="ignore", invalid="ignore"):
+            off = np.log(values.reshape(world.shape) / world)
+        off = off[np.isfinite(off)]
+        errors[name] = 100 * float(np.sqrt(np.mean((off - np.median(off)) ** 2)))
+    for name in methods:
+        yield Figure(f"{name}: error", errors[name], "%")
+        yield Figure(f"{name}: CPU", times[name], "s")
+    others = [name for name in methods if name != "sixlight"]
+    best = min(errors[name] for name in others)
+    yield Figure("error over the best peer's", errors["sixlight"] / best, "times", high=1.0)
+    fastest = min(times[name] for name in others)
+    yield Figure("CPU of the fastest peer over ours", fastest / times["sixlight"], "times", low=3)
+
+
+def _opencv(linear):
+    import cv2
+
+    pictures = [np.rint(v * 255).astype(np.uint8) for v in linear]
+    response = np.linspace(1 / 255, 1, 256, dtype=np.float32)[:, None, None].repeat(3, axis=2)
+    debevec = cv2.createMergeDebevec()
+    return debevec.process(pictures, TAGS_S.astype(np.float32), response)
+
+
+def _colour_hdri(linear):
+    import colour_hdri
+
+    images = colour_hdri.ImageStack()
+    for data, t in zip(linear, TAGS_S, strict=True):
+        metadata = colour_hdri.Metadata(f_number=1.0, exposure_time=t, iso=100)
+        images.append(colour_hdri.Image(data=data, metadata=metadata))
+    return colour_hdri.image_stack_to_HDRI(images, colour_hdri.weighting_function_Debevec1997)
+
+
+# ------------------------------------------------------------------------------------- files
+
+
+def _files() -> Iterator[Figure]:
+    """Two brackets of seven lossless 18-megapixel DNGs: against unpacking them, and memory."""
+    with tempfile.TemporaryDirectory() as folder:
+        brackets = _photograph(Path(folder), filters=2, exposures=7)
+        ours, unpacked = [], []
+        for bracket in brackets * 2:  # alternating, as other work on the machine comes and goes
+            unpacked.append(_timed(lambda b=bracket: _unpack(b)))
+            ours.append(_timed(lambda b=bracket: merge(b)))
+        wall, cpu = (
+            np.sum([v[i] for v in ours]) / np.sum([v[i] for v in unpacked]) for i in (0, 1)
+        )
+        yield Figure("develop + merge over unpacking, wall", wall, "times", high=1.25)
+        yield Figure("develop + merge over unpacking, CPU", cpu, "times")
+        peaks = [_peak_mb(brackets[0], count) for count in (3, 12)]
+        for count, peak in zip((3, 12), peaks, strict=True):
+            yield Figure(f"peak memory, {count} exposures of 18 MP", peak, "MB", high=1000)
+
+
+def _photograph(folder: Path, *, filters: int, exposures: int) -> list[Bracket]:
+    import cv2
+
+    camera = replace(Camera(), width=5184, height=3456)
+    rng = np.random.default_rng(1)
+    brackets = []
+    for f in range(filters):
+        coarse = rng.normal(0, 1, (camera.height // 96, camera.width // 96)).astype(np.float32)
+        size = camera.width, camera.height
+        world = np.exp2(2.2 * cv2.resize(coarse, size, interpolation=cv2.INTER_CUBIC))
+        world *= 0.1 * camera.full_well
+        world[1000:1100, 2000:2100] *= 1e3  # a lamp
+        files, given = [], []
+        for i in range(exposures):
+            shutter = Shutter(-30 + 5 * i)
+            files.append(folder / f"{f}_{i}.dng")
+            shot = Shot(shutter.tag, datetime(2020, 1, 1), (1.0, 1.0, 1.0))
+            write_dng(
+                files[-1], expose(world, shutter.time_s, camera, rng), camera, shot, np.eye(3)
+            )
+            time_s = shutter.tag[0] / shutter.tag[1]
+            given.append({"time_s": time_s, "iso": camera.iso, "f_number": camera.f_number})
+        brackets.append(Bracket(files, given, folder))
+    return brackets
+
+
+def _unpack(bracket: Bracket) -> None:
+    import rawpy
+
+    def one(path: Path) -> None:
+        with rawpy.imread(str(path)) as raw:
+            raw.unpack()
+
+    with ThreadPoolExecutor(workers()) as pool:
+        list(pool.map(one, bracket.files))
+
+
+def _timed(function) -> tuple[float, float]:
+    wall, cpu = time.perf_counter(), time.process_time()
+    function()
+    return time.perf_counter() - wall, time.process_time() - cpu
+
+
+def _peak_mb(bracket: Bracket, exposures: int) -> float:
+    """Largest resident memory of a process that merges so many of the bracket's files."""
+    order = [i % len(bracket.files) for i in range(exposures)]
+    arguments = [f"{bracket.files[i]}={bracket.exposures[i]['time_s']!r}" for i in order]
+    ran = subprocess.run(
+        [sys.executable, "-m", "benchmarks.merge", str(bracket.folder), *arguments],
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    return float(ran.stdout)
+
+
+def _merge_and_tell_memory(folder: str, *arguments: str) -> None:
+    pairs = [argument.rsplit("=", 1) for argument in arguments]
+    given = [{"time_s": float(time_s), "iso": 100.0, "f_number": 16.0} for _, time_s in pairs]
+    merge(Bracket([Path(path) for path, _ in pairs], given, Path(folder)))
+    # Not getrusage's, which begins at what the parent process had.
+    status = Path("/proc/self/status").read_text(encoding="utf-8")
+    print(float(status.split("VmHWM:")[1].split()[0]) / 1e3)
+
+
+if __name__ == "__main__":
+    _merge_and_tell_memory(*sys.argv[1:])
