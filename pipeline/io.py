@@ -14,7 +14,7 @@ import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ import numpy as np
 from calibration import icc
 from calibration.display import SRGB, Display
 from pipeline.errors import InputError, Problem, fault, storing
+from stages.scale import Lights
 from stages.types import Frame, Measured, Radiance
 
 # ---------------------------------------------------------------------------------------- raw
@@ -483,6 +484,12 @@ def read_radiance(path: Path) -> Radiance:
     plain = {k: v.tolist() for k, v in fields.items() if v.ndim < 2}
     tuples = {k: tuple(v) if isinstance(v, list) else v for k, v in plain.items()}
     return Radiance(**{**fields, **tuples})
+
+
+def read_lights(path: Path) -> Lights:
+    """The light of the exposures of what write_radiance wrote, without its pixels."""
+    with np.load(path, allow_pickle=False) as data:
+        return Lights(**{f.name: tuple(data[f.name].tolist()) for f in fields(Lights)})
 
 
 def write_text(path: Path, text: str) -> None:

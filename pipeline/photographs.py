@@ -5,8 +5,8 @@ A capture.toml may name the filters and their files, and give what EXIF lacks.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from calibration.errors import Problem, fault
@@ -20,6 +20,21 @@ class Filter:
 
     name: str
     shots: tuple[io.Shot, ...]
+
+
+_OF_SENSOR = ("dark", "flat")  # folders of frames that show the sensor, not the scene
+
+
+@dataclass(frozen=True)
+class OfSensor:
+    """Photographs that show what the sensor adds of itself; empty where there are none.
+
+    dark  with the cap on
+    flat  of something even, by name of filter
+    """
+
+    dark: tuple[io.Shot, ...] = ()
+    flat: Mapping[str, tuple[io.Shot, ...]] = field(default_factory=dict)
 
 
 def check_folder(folder: Path) -> None:
@@ -49,6 +64,57 @@ def find(folder: Path, root: Table, camera: Table, problems: list[Problem]) -> t
     return filters
 
 
+def find_of_sensor(
+    folder: Path, filters: Sequence[Filter], camera: Table, problems: list[Problem]
+) -> OfSensor:
+    """Dark frames, dark/*, and flat ones, flat/FILTER/* or, for all filters, flat/*.
+
+    problems  gains whatever is wrong: they must be of the photographs' camera and size
+    """
+    iso, f_number = camera.number("iso", "ISO"), camera.number("f_number", "f/")
+
+    def shots(place: Path) -> tuple[io.Shot, ...]:
+        files = io.photographs(place.iterdir()) if place.is_dir() else []
+        found = _shots(files, None, iso, f_number, place, problems)
+        scene = [shot for f in filters for shot in f.shots[:1]][:1]
+        check_alike([*scene, *found], problems)
+        return found
+
+    every = shots(folder / "flat")
+    flats = {f.name: shots(folder / "flat" / f.name) or every for f in filters}
+    for place in {flat[0].path.parent for flat in flats.values() if len(flat) == 1}:
+        problems.append(
+            Problem(
+                "one flat frame",
+                "two or more, since one does not tell its noise from the pixels' response",
+                "take eight or so",
+                place,
+            )
+        )
+    return OfSensor(shots(folder / "dark"), {name: flat for name, flat in flats.items() if flat})
+
+
+def notes_of_sensor(of: OfSensor, filters: Sequence[Filter]) -> list[str]:
+    """What dark frames cannot tell, a sentence each."""
+    if not of.dark:
+        return []
+    notes = []
+    photographs = [shot for f in filters for shot in f.shots]
+    isos = {shot.iso for shot in photographs}
+    if not isos <= {shot.iso for shot in of.dark}:
+        notes.append(
+            f"no dark frames at ISO {', '.join(f'{iso:g}' for iso in sorted(isos))}: their current"
+            " is taken to grow as ISO does"
+        )
+    longest, dark_s = (max(s.time_s for s in some) for some in (photographs, of.dark))
+    if dark_s < longest / 4:
+        notes.append(
+            f"dark frames of {dark_s:g} s tell little of an exposure of {longest:g} s;"
+            " take them as long as the longest photograph"
+        )
+    return notes
+
+
 def _named(
     root: Table, folder: Path, problems: list[Problem]
 ) -> list[tuple[str, list[Path], tuple[float, ...] | None]]:
@@ -69,7 +135,7 @@ def _named(
         else:
             named.append((name, _matching(table, folder, pattern or ""), times))
     if not tables:
-        for sub in sorted(p for p in folder.iterdir() if p.is_dir() and p.name != "dark"):
+        for sub in sorted(p for p in folder.iterdir() if p.is_dir() and p.name not in _OF_SENSOR):
             files = io.photographs(sub.iterdir())
             if any(io.is_raw(p) for p in files):
                 named.append((sub.name, files, None))
@@ -169,4 +235,37 @@ def notes_of(shots) -> list[str]:
         notes.append("no ISO in the files: 100 is assumed for all")
     if any(shot.f_number_missing for shot in shots):
         notes.append("no aperture in the files: f/1 is assumed for all")
+    return notes
+
+
+def changes(filters: Sequence[Filter]) -> list[str]:
+    """What the camera did not hold within a bracket, by its tags, a sentence each.
+
+    A change of sensitivity is reckoned with, one of aperture as far as f-numbers are exact; either
+    leaves something behind that no overlap of exposures can tell from the light.
+    """
+    notes = []
+    for f in filters:
+        for what, values, remedy in (
+            (
+                "ISO",
+                [f"{shot.iso:g}" for shot in f.shots],
+                "amplifiers are not quite what they are called: switch auto-ISO off",
+            ),
+            (
+                "aperture",
+                [f"f/{shot.f_number:g}" for shot in f.shots],
+                "vignetting and sharpness change with it: vary the shutter alone",
+            ),
+            (
+                "focal length",
+                [f"{shot.focal_length_mm:g} mm" for shot in f.shots if shot.focal_length_mm],
+                "the pictures do not lie on each other: leave the zoom alone",
+            ),
+        ):
+            found = list(dict.fromkeys(values))
+            if len(found) > 1:
+                notes.append(
+                    f"{f.name}: {what} changes within the bracket ({', '.join(found)}); {remedy}"
+                )
     return notes

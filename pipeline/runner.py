@@ -144,9 +144,14 @@ def _plan(capture: Capture, out: Path, settings: Settings) -> list[_Task]:
         for i, f in enumerate(capture.filters[: None if step.for_each else 1]):
             only = [f.name] if step.for_each else [g.name for g in capture.filters]
             reads: list[tuple[str, Path]] = []
+            photographs = {
+                "raw": f.shots,
+                "dark": capture.of_sensor.dark,
+                "flat": capture.of_sensor.flat.get(f.name, ()),
+            }
             for name in step.reads:
-                if name == "raw":
-                    reads += [(f"raw {s.path.name}", s.path) for s in f.shots]
+                if name in photographs:
+                    reads += [(f"{name} {s.path.name}", s.path) for s in photographs[name]]
                 else:
                     files = files_of(name, filters=only, channels=channels)
                     reads += [(file, out / file) for file in files]
