@@ -29,16 +29,48 @@ LEAST_CORRELATION = 0.3  # correlation; textures that have nothing in common sta
 
 @dataclass(frozen=True)
 class Alignment:
-    """Image k shows at p + shifts[k] what image 0 shows at p.
+    """Where image k shows what image 0 shows at p:
+
+        about_px + shifts[k] + scales[k] * turned(p - about_px)
 
     shifts       (F, 2) x, y in px; the first is 0
     correlation  (F,) of the texture in the best channel, after the shift
     error_px     (F,) standard error of a shift, from how well the image's parts agree on it
+    about_px     x, y of the place that neither scale nor turn moves: the sphere's centre
+    scales       (F,) magnification against the first; all 1 where left out
+    turns_deg    (F,) turn from x, to the right, towards y, down; all 0 where left out
     """
 
     shifts: Array
     correlation: Array
     error_px: Array
+    about_px: tuple[float, float] = (0.0, 0.0)
+    scales: Array | None = None
+    turns_deg: Array | None = None
+
+    def to_image(self, number: int, pixels) -> Array:
+        """Positions (..., 2) px in image `number` of what the first shows at `pixels`."""
+        matrix = self._matrix(number)
+        about, shift = np.asarray(self.about_px), np.asarray(self.shifts[number])
+        if matrix is None:
+            return np.asarray(pixels + shift.astype(np.asarray(pixels).dtype))
+        return np.asarray((pixels - about) @ matrix.T + (about + shift))
+
+    def to_first(self, number: int, pixels) -> Array:
+        """The inverse of `to_image`."""
+        matrix = self._matrix(number)
+        about, shift = np.asarray(self.about_px), np.asarray(self.shifts[number])
+        if matrix is None:
+            return np.asarray(pixels - shift)
+        return np.asarray((pixels - about - shift) @ np.linalg.inv(matrix).T + about)
+
+    def _matrix(self, number: int) -> Array | None:
+        scale = 1.0 if self.scales is None else float(self.scales[number])
+        turn = 0.0 if self.turns_deg is None else np.radians(float(self.turns_deg[number]))
+        if scale == 1.0 and turn == 0.0:
+            return None
+        c, s = scale * np.cos(turn), scale * np.sin(turn)
+        return np.array([[c, -s], [s, c]])
 
 
 def align(images: Sequence[Measured], sphere: Sphere) -> Alignment:

@@ -165,9 +165,10 @@ def shared_noise(sphere: Sphere, face_size: int, noise_area_px: Sequence[float])
     noise_area_px  (C,) pixels over which a channel's noise is one: S
 
     A texel that covers a pixels knows its mean to v S / (S - 1 + A), as `unwrap` has it, with A
-    the pixels that bilinear interpolation draws in. Many texels together cover the sum of their
-    a, and know the sum of their means as S v / a would each: the same noise is in neighbours,
-    where a texel is smaller than a pixel in nearly all of them. The ratio is (S - 1 + A) / a.
+    the pixels that bilinear interpolation draws in, whose sides the noise in common widens. Many
+    texels together cover the sum of their a, and know the sum of their means as S v / a would
+    each: the same noise is in neighbours, where a texel is smaller than a pixel in nearly all of
+    them. The ratio is (S - 1 + A) / a.
     """
     every = _coarseness(face_size)  # what is smooth is worked out at fewer texels
     edge = np.linspace(-1.0, 1.0, face_size // every + 1)
@@ -177,12 +178,14 @@ def shared_noise(sphere: Sphere, face_size: int, noise_area_px: Sequence[float])
     area = np.abs(across[..., 0] * down[..., 1] - across[..., 1] * down[..., 0])
     # Bilinear interpolation of a point draws in 1.5^2 px in the mean: 1 over the mean of the
     # weights' squares, (2/3)^2. A side of n px draws in about sqrt(n^2 + 1.5^2).
-    drawn = np.sqrt((_squared(across) + 2.25) * (_squared(down) + 2.25))
+    # Noise that S pixels share widens both by S - 1 px^2.
     s = np.asarray(noise_area_px, np.float64)
+    sides = (_squared(side)[..., None] + 1.25 + s for side in (across, down))
+    drawn = np.sqrt(np.prod(np.stack(list(sides)), axis=0))
     # Nearest the rim texels shrink to nothing, but what they show is taken from further inside.
     least = cube.solid_angles(face_size // every) / every**2 / _rim_pixel_sr(sphere)
     area = np.maximum(area, least)[..., None]
-    common = np.asarray(np.maximum((s - 1.0 + drawn[..., None]) / area, 1.0), np.float32)
+    common = np.asarray(np.maximum(drawn / area, 1.0), np.float32)
     return common.repeat(every, axis=1).repeat(every, axis=2)
 
 

@@ -44,6 +44,14 @@ def face_directions(u, v) -> NDArray[np.float64]:
     return d / np.linalg.norm(d, axis=-1, keepdims=True)
 
 
+def directions_on(face, u, v) -> NDArray[np.float64]:
+    """Unit directions (..., 3) at positions u, v (...,) of the faces numbered `face` (...,)."""
+    u, v = np.asarray(u, np.float64)[..., None], np.asarray(v, np.float64)[..., None]
+    frame = _FRAMES[face]
+    d = frame[..., 0, :] + u * frame[..., 1, :] + v * frame[..., 2, :]
+    return d / np.linalg.norm(d, axis=-1, keepdims=True)
+
+
 def directions(face_size: int) -> NDArray[np.float64]:
     """Unit world directions (6, N, N, 3) of a cubemap's texel centres."""
     t = texel_centres(face_size)

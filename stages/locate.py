@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from calibration.errors import fault
 from stages.mirror import Array, Sphere, rim_from_circle
 from stages.rim import measure_rim
+from stages.room import Room
 from stages.types import Measured
 
 _REMEDY = "give the rim as outline = [x, y, radius] in [sphere], in px of the full-size raw image"
@@ -50,6 +51,8 @@ def locate(
     focal_px: float | None = None,
     outline: Sequence[float] | None = None,
     yaw_deg: float = 0.0,
+    room: Room | None = None,
+    reflectance: tuple[Array, Array] | None = None,
 ) -> Sphere:
     """Find the sphere in the first image.
 
@@ -59,6 +62,8 @@ def locate(
     focal_px     focal length in px; where it alone is given, the distance is solved
     outline      x, y, radius in px: taken as the rim, instead of a search
     yaw_deg      turn of the result about +Y, handed on
+    room         the walls about the sphere, handed on
+    reflectance  the sphere's, by angle of incidence: see `measure_rim`; None: of a perfect mirror
     returns      Sphere
     raises       InputError: neither distance nor focal length; no sphere; cut by the frame
     """
@@ -86,6 +91,7 @@ def locate(
             distance_mm=distance_mm,
             focal_px=None if focal_px is None else focal_px * scale,
             yaw_deg=yaw_deg,
+            room=room,
         )
 
     if outline is not None:
@@ -95,7 +101,7 @@ def locate(
         sphere = sphere_at(*rim_from_circle(x, y, radius, sphere_at))
         _refuse_cut(sphere, width, height, "correct outline = [x, y, radius] in [sphere]")
         return sphere
-    sphere = _search(images[0], sphere_at)
+    sphere = _search(images[0], sphere_at, reflectance)
     _refuse_cut(
         sphere, width, height, f"photograph the whole sphere, or, if this is not it, {_REMEDY}"
     )
@@ -154,7 +160,11 @@ def _halve(image: Array) -> Array:
     ) / 4.0
 
 
-def _search(image: Measured, sphere_at: Callable[..., Sphere]) -> Sphere:
+def _search(
+    image: Measured,
+    sphere_at: Callable[..., Sphere],
+    reflectance: tuple[Array, Array] | None,
+) -> Sphere:
     """The sphere found without help, `rim_found` and `rim_residual_px` filled in."""
     levels = _pyramid(image)
     coarse = levels[-1]
@@ -168,7 +178,7 @@ def _search(image: Measured, sphere_at: Callable[..., Sphere]) -> Sphere:
     best = max(fits, key=_merit, default=None)
     if best is None or _merit(best) <= 0 or best.found < _FOUND:
         raise fault("no sphere found in the photograph", "one mirror sphere, all of it", _REMEDY)
-    fit = measure_rim(image, best.rim, sphere_at)
+    fit = measure_rim(image, best.rim, sphere_at, reflectance)
     return replace(sphere_at(*fit.rim), rim_residual_px=fit.residual_px, rim_found=fit.found)
 
 

@@ -13,6 +13,9 @@ at the angle alpha from the axis and shows the direction turned by psi from +Z:
 
 from the middle, phi = 0, to the rim, where the line of sight is a tangent: sin alpha = r / D,
 psi = pi - alpha. Directions beyond that, the blind cone, are hidden behind the sphere.
+
+All that is for a distant world. In a near `Room` a direction of the result is that from the
+sphere's centre to a wall, and the mirror looks there from its surface.
 """
 
 from __future__ import annotations
@@ -24,7 +27,12 @@ from math import asin, atan, cos, hypot, nan, pi, radians, sin, sqrt, tan
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.room import Room
+
 Array = NDArray[np.float64]
+
+
+_PARALLAX_ROUNDS = 6  # each leaves radius / wall of the error the last has left, or less
 
 
 @dataclass(frozen=True)
@@ -41,6 +49,7 @@ class Sphere:
     rim_found         share of its sectors that agree with it to .3 px, 0..1: below .6 errors of a
                       third of a pixel are to be feared; NaN where the outline was given
     nominal_focal_px  the focal length that was given, where the distance was too and so decided
+    room              the walls about the sphere; None for a distant world
     """
 
     centre_mm: tuple[float, float, float]
@@ -51,6 +60,7 @@ class Sphere:
     rim_residual_px: float = nan
     rim_found: float = nan
     nominal_focal_px: float | None = None
+    room: Room | None = None
 
     @classmethod
     def from_rim(
@@ -64,6 +74,7 @@ class Sphere:
         distance_mm: float | None = None,
         focal_px: float | None = None,
         yaw_deg: float = 0.0,
+        room: Room | None = None,
     ) -> Sphere:
         """The sphere whose centre is seen at x, y and whose rim has the size `rim_px`.
 
@@ -90,6 +101,7 @@ class Sphere:
             principal_px=principal_px,
             yaw_deg=yaw_deg,
             nominal_focal_px=nominal,
+            room=room,
         )
 
     @property
@@ -123,9 +135,12 @@ class Sphere:
         up = np.array([0.0, -1.0, 0.0])
         y = up - (up @ z) * z
         y /= np.linalg.norm(y)
+        return self._yaw @ np.stack([np.cross(y, z), y, z])
+
+    @property
+    def _yaw(self) -> Array:
         c, s = cos(radians(self.yaw_deg)), sin(radians(self.yaw_deg))
-        yaw = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
-        return yaw @ np.stack([np.cross(y, z), y, z])
+        return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
     def with_shift(self, shift) -> Sphere:
         """The same sphere in an image whose content lies `shift` = (x, y) px further."""
@@ -149,7 +164,12 @@ class Sphere:
         point = (power / (along + root))[..., None] * ray
         normal = (point - centre) / self.radius_mm
         camera = ray - 2.0 * np.sum(ray * normal, axis=-1, keepdims=True) * normal
-        return camera @ self.world_from_camera.T
+        world: Array = camera @ self.world_from_camera.T
+        if self.room is None:
+            return world
+        start = (self.radius_mm * 1e-3) * normal @ self.world_from_camera.T
+        wall = self.room.wall(start @ self._yaw, world @ self._yaw) @ self._yaw.T
+        return np.asarray(wall / np.linalg.norm(wall, axis=-1, keepdims=True))
 
     def pixel_of(self, directions) -> tuple[Array, NDArray[np.bool_]]:
         """Where the sphere shows world directions; the inverse of `direction_of`.
@@ -158,7 +178,7 @@ class Sphere:
         returns     (..., 2) px x, y, for hidden directions the rim's nearest place, and
                     (...,) bool, whether the direction can be seen
         """
-        camera = np.asarray(directions, np.float64) @ self.world_from_camera
+        camera = self._from_surface(directions) @ self.world_from_camera
         axis = np.asarray(self.centre_mm) / self.distance_mm
         towards = -(camera @ axis)
         across = camera + towards[..., None] * axis
@@ -170,6 +190,33 @@ class Sphere:
         ray = axis + slope[..., None] * across
         pixels = np.asarray(self.principal_px) + self.focal_px * ray[..., :2] / ray[..., 2:]
         return pixels, psi <= pi - self.rim_angle_rad
+
+    def _from_surface(self, directions) -> Array:
+        """Directions (..., 3) in which the mirror sees what lies in these from its centre.
+
+        Whoever stands on the mirror at r n sees the wall's point P in P - r n, and n follows from
+        the direction in which it sees: iterated, from the wall as the centre sees it. All of it
+        happens in the plane of P and the axis, on one side of the axis.
+        """
+        d = np.asarray(directions, np.float64)
+        if self.room is None:
+            return d
+        radius, towards = self.radius_mm * 1e-3, self._yaw @ (0.0, 0.0, 1.0)
+        wall = self.room.wall(np.zeros(3), d @ self._yaw) @ self._yaw.T
+        forward = wall @ towards
+        across = wall - forward[..., None] * towards
+        aside = np.linalg.norm(across, axis=-1)
+        across /= np.where(aside > 0, aside, 1.0)[..., None]
+        table_psi, table_tan = self._table
+        x, z = aside, forward
+        for _ in range(_PARALLAX_ROUNDS):
+            psi = np.arctan2(x, z)
+            alpha = np.arctan(np.interp(psi, table_psi, table_tan))
+            phi = (np.minimum(psi, table_psi[-1]) - alpha) / 2.0
+            # What lies on the other side of the axis is behind the sphere: no further than on it.
+            x = np.maximum(aside - radius * np.sin(phi), 1e-9 * aside)
+            z = forward - radius * np.cos(phi)
+        return np.asarray(z[..., None] * towards + x[..., None] * across)
 
     @cached_property
     def _table(self) -> tuple[Array, Array]:
@@ -188,7 +235,7 @@ class Sphere:
 
         NaN in the blind cone.
         """
-        d = np.asarray(directions, np.float64)
+        d = self._from_surface(directions)
         z = self.world_from_camera @ (-np.asarray(self.centre_mm) / self.distance_mm)
         towards = d @ z
         psi = np.arctan2(np.linalg.norm(d - towards[..., None] * z, axis=-1), towards)

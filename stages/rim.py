@@ -9,6 +9,10 @@ likelihood of every place the rim might have, whatever is reflected, with nothin
 kinds of world are held possible: broken by edges, smooth, or with a step at the rim itself
 (a dull sphere reflects less than all even there).
 
+A metal darkens all this: at the rim itself it reflects everything, a pixel inside three quarters,
+and that fall alone, like a root too, looks like a rim that lies further out. Where the metal is
+known, the fall by Fresnel's equations, times the light outside, is taken off each profile first.
+
 Beside edges of what is reflected the likeliest place is wrong, and not by chance but along a whole
 arc: a panel's edge makes a line of its own, always inside the rim. Places are therefore gathered
 in sectors, each of which says one thing, with a bounded weight; and a rim outside of what a
@@ -19,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -26,9 +31,12 @@ from stages.mirror import Array, Sphere
 from stages.types import Measured
 
 _PROFILE = np.arange(-2.0, 4.01, 0.5)  # px across the rim, outwards
+_OUTER = 4  # of its samples, the outermost: the light outside the rim
 _PLACES = np.arange(-2.4, 2.41, 0.2)  # px, where on a profile the rim may be
 _FINE = np.arange(-2.4, 2.401, 0.02)  # and to what a sector's sum is interpolated
-_BLUR = 0.45  # px, sigma of pixel, demosaicing and interpolation; .55 costs a twentieth of a pixel
+# px, sigma of lens, pixel, demosaicing and interpolation together: the one that explains the
+# profiles best. Taken .2 px too small it moves the rim out by a quarter of a pixel.
+_BLURS = (0.45, 0.55, 0.65, 0.75)
 # Variances of a profile's parts, of which that of the world's change over the first pixel inside
 # is about 1: random walk in sqrt(e); terms in sqrt(e), e, e^1.5; step.
 _WORLDS = ((0.3, 1.0, 0.0, 0.0, 0.0), (0.01, 1.0, 1.0, 0.3, 0.0), (0.3, 1.0, 0.0, 0.0, 0.5))
@@ -59,27 +67,40 @@ class RimFit:
 
 
 def measure_rim(
-    image: Measured, start: Array, sphere_at: Callable[..., Sphere], rounds: int = 3
+    image: Measured,
+    start: Array,
+    sphere_at: Callable[..., Sphere],
+    reflectance: tuple[Array, Array] | None = None,
+    rounds: int = 3,
 ) -> RimFit:
     """The rim about a first guess.
 
     image      (H, W, C)
     start      (3,) x, y, rim_px to within a pixel or so
     sphere_at  (x, y, rim_px) -> Sphere
+    reflectance  of the sphere: angles of incidence (K,) in rad, ascending to pi/2, and the factor
+                 there (K,); None for a perfect mirror
     rounds     each starts from the rim the last has found
     """
     from scipy.optimize import minimize
 
     sphere = sphere_at(*start)
     origin, values, variance = _about(image, sphere)
-    eigenvalues, vectors = _processes()
+    blurs: tuple[float, ...] = _BLURS
     rim = np.array(start, np.float64)
     for k in range(rounds):
         sphere = sphere_at(*rim)
         count = int(np.clip(2.0 * np.pi * sphere.rim_px, 4 * _SECTORS, 4000)) // 2 * 2
         outline = sphere.outline(count)
         profiles, noise = _profiles(values, variance, outline - origin, sphere.outward(outline))
-        evidence = _evidence(profiles[1::2], noise[1::2], eigenvalues, vectors)
+        profiles, noise = profiles[1::2], noise[1::2]
+        tried = []
+        for blur in blurs:
+            dips = _dips(sphere.rim_px, reflectance, blur)
+            tried.append(_evidence(profiles, noise, *_processes(blur), dips))
+        explained = [float(np.sum(e.total)) for e in tried]
+        likeliest = int(np.argmax(explained))
+        evidence, blurs = tried[likeliest].of_places, blurs[likeliest : likeliest + 1]
         # How far the rim's places move outwards when x, y and size grow by a pixel.
         moves = np.stack(
             [10.0 * sphere_at(*(rim + d)).inside_px(outline[1::2]) for d in 0.1 * np.eye(3)],
@@ -144,17 +165,38 @@ def _profiles(values, variance, outline: Array, outward: Array) -> tuple[Array, 
     return light, noise / 3.0  # not 4: neighbours share pixels
 
 
-def _processes() -> tuple[Array, Array]:
+def _taps(blur: float) -> tuple[Array, Array]:
+    """Positions (T, 25) about each sample of a profile, and weights (25,) of a blur in px."""
+    spread = np.linspace(-3.0, 3.0, 25) * blur
+    weight = np.exp(-0.5 * (spread / blur) ** 2)
+    return _PROFILE[:, None] + spread, weight / weight.sum()
+
+
+def _dips(rim_px: float, reflectance: tuple[Array, Array] | None, blur: float) -> Array:
+    """How much darker (S, T) than the light outside the metal makes a profile, for each place."""
+    dips = np.zeros((len(_PLACES), len(_PROFILE)))
+    if reflectance is None:
+        return dips
+    x, weight = _taps(blur)
+    for s, place in enumerate(_PLACES):
+        # At e px inside, the sine of the angle of incidence is (rim - e) / rim.
+        sine = 1.0 - np.clip((place - x) / rim_px, 0.0, 1.0)
+        factor = np.where(x < place, np.interp(np.arcsin(sine), *reflectance), 1.0)
+        dips[s] = (factor - 1.0) @ weight
+    return dips - dips.mean(axis=-1, keepdims=True)
+
+
+@cache
+def _processes(blur_px: float) -> tuple[Array, Array]:
     """Eigenvalues (W, S, T) and vectors (W, S, T, T) of the profiles' covariance.
 
     One for each world and place of the rim; a profile's mean is projected out.
     """
-    spread = np.linspace(-3.0, 3.0, 25) * _BLUR
-    weight = np.exp(-0.5 * (spread / _BLUR) ** 2)
+    taps, weight = _taps(blur_px)
     size = len(_PROFILE)
     # (T, T * 25): from 25 positions about each sample to the blurred profile, less its mean.
-    blur = np.kron(np.eye(size) - 1.0 / size, weight / weight.sum())
-    x = (_PROFILE[:, None] + spread).ravel()
+    blur = np.kron(np.eye(size) - 1.0 / size, weight)
+    x = taps.ravel()
     covariance = np.empty((len(_WORLDS), len(_PLACES), size, size))
     for s, place in enumerate(_PLACES):
         inside, outside = np.maximum(place - x, 0.0), np.maximum(x - place, 0.0)
@@ -171,8 +213,22 @@ def _processes() -> tuple[Array, Array]:
     return np.maximum(values, 0.0), vectors
 
 
-def _evidence(profiles: Array, noise: Array, eigenvalues: Array, vectors: Array) -> Array:
-    """Log of the likelihood (n, S) of the rim's places against all places alike.
+@dataclass(frozen=True)
+class _Evidence:
+    """What profiles say of the rim: logs of likelihoods.
+
+    of_places  (n, S) of each place against all alike, tempered
+    total      (n,) of the profile, wherever the rim is
+    """
+
+    of_places: Array
+    total: Array
+
+
+def _evidence(
+    profiles: Array, noise: Array, eigenvalues: Array, vectors: Array, dips: Array
+) -> _Evidence:
+    """What profiles (n, C, T) with noise of variance (n, C) say of the rim's places.
 
     Worlds and contrasts are averaged over for each channel, channels multiplied, and one profile in
     twenty may show anything.
@@ -181,13 +237,16 @@ def _evidence(profiles: Array, noise: Array, eigenvalues: Array, vectors: Array)
     gain = 1.0 / (1.0 + _CONTRAST[:, None, None, None] * eigenvalues)  # (R, W, S, T)
     volume = 0.5 * np.log(gain).sum(axis=-1).reshape(-1, places, 1)
     total = np.zeros((places, len(profiles)))
+    dip = np.matmul(dips[:, None], vectors)  # (W, S, 1, T)
     for c in range(profiles.shape[1]):
         usable = np.isfinite(profiles[:, c]).all(axis=-1) & np.isfinite(noise[:, c])
         profile = np.where(usable[:, None], profiles[:, c], 0.0)
         least = noise[:, c] + (_MODEL_ERROR * np.ptp(profile, axis=-1)) ** 2
         profile = profile / np.sqrt(np.where(usable & (least > 0), least, 1.0))[:, None]
-        square = (profile @ vectors.reshape(-1, size, size)) ** 2
-        square = square.reshape(worlds, places, len(profile), size)
+        outside = profile[:, -_OUTER:].mean(axis=-1, keepdims=True)
+        profile = profile - profile.mean(axis=-1, keepdims=True)
+        parts = (profile @ vectors.reshape(-1, size, size)).reshape(worlds, places, -1, size)
+        square = (parts - outside * dip) ** 2
         misfit = np.matmul(square, np.moveaxis(gain, 0, -1))  # (W, S, n, R)
         misfit = np.moveaxis(misfit, -1, 0).reshape(-1, places, len(profile))
         log = volume - 0.5 * misfit
@@ -195,9 +254,11 @@ def _evidence(profiles: Array, noise: Array, eigenvalues: Array, vectors: Array)
         share = np.exp(np.maximum(log - most, -80.0)).reshape(len(_CONTRAST), worlds, places, -1)
         log = most + np.log(np.tensordot(_PRIOR, share.mean(axis=0), 1))
         total += np.where(usable, log, 0.0)
-    likelihood = np.exp(_TEMPER * (total - total.max(axis=0)))
-    likelihood /= likelihood.mean(axis=0)
-    return np.log(0.95 * likelihood + 0.05).T
+    most = total.max(axis=0)
+    likelihood = np.exp(_TEMPER * (total - most))
+    alike = likelihood.mean(axis=0)
+    of_places: Array = np.log(0.95 * likelihood / alike + 0.05)
+    return _Evidence(of_places.T, _TEMPER * most + np.log(alike))
 
 
 class _Sectors:

@@ -5,7 +5,7 @@ import pytest
 from sphere_tracer import Camera, busy_world, chromium, photograph, smooth_world
 
 from calibration.errors import InputError
-from stages.align import align
+from stages.align import Alignment, align
 from stages.mirror import Sphere
 from stages.types import Measured
 
@@ -65,3 +65,19 @@ def test_photographs_of_different_things_are_refused():
     flat = measured(np.ones((220, 240, 3)), 1)
     with pytest.raises(InputError, match="does not match"):
         align([view(room(1), CYAN), flat], SPHERE)
+
+
+def test_positions_go_to_a_turned_and_scaled_image_and_back():
+    turned = Alignment(
+        np.array([(0.0, 0.0), (2.0, -1.0)]),
+        np.ones(2),
+        np.zeros(2),
+        about_px=(100.0, 80.0),
+        scales=np.array([1.0, 1.01]),
+        turns_deg=np.array([0.0, 90.0]),
+    )
+    # 10 px to the right of the centre, turned towards y, which runs down, and a hundredth larger.
+    np.testing.assert_allclose(turned.to_image(1, np.array([110.0, 80.0])), [102.0, 89.1])
+    places = np.random.default_rng(1).uniform(0, 200, (20, 2))
+    np.testing.assert_allclose(turned.to_first(1, turned.to_image(1, places)), places)
+    np.testing.assert_allclose(turned.to_image(0, places), places)

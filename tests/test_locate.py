@@ -63,9 +63,11 @@ def through_a_mosaic(image, seed, noise=0.003):
             cfa=cfa,
             tagged=(1.0,),
             solved=(1.0,),
-            noise=(0.0, noise),
+            noise=np.array([[0.0, noise]]),
             clipped=(0.0,),
-            lost=0.0,
+            lost=np.zeros(mosaic.shape, bool),
+            moved=np.zeros(mosaic.shape, bool),
+            at_least=np.full((2, 2), 1.0),
         )
     )
 

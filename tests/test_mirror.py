@@ -5,6 +5,7 @@ import pytest
 from sphere_tracer import Camera
 
 from stages.mirror import Sphere, rim_from_circle
+from stages.room import Room
 
 
 def sphere(x=760.0, y=480.0, rim=400.0, distance=1500.0, yaw=0.0, **known):
@@ -129,3 +130,70 @@ def test_a_drawn_circle_becomes_the_nearest_rim():
     radius = np.hypot(*(outline - [1000.0, 300.0]).T)
     assert radius.mean() == pytest.approx(200.0, abs=0.2)
     assert np.abs(radius - 200.0).max() < 1.0  # the ellipse itself
+
+
+def in_a_room(yaw=0.0):
+    """A sphere in a box, pixels of it, and the directions of what the box's walls show there.
+
+    By the plain way: the ray is traced to the mirror, from there to the first of six walls. Room
+    and camera are those of a photographer who looks down by 10 degrees and 20 to the side.
+    """
+    camera = Camera.seeing(420.0, 380.0, 300.0, 800, 900, distance=1100.0)
+    size, place = np.array([4.0, 2.5, 5.0]), np.array([1.5, 1.2, 2.0])
+    down, aside = np.radians((10.0, 20.0))
+    towards = [np.cos(down) * np.sin(aside), np.sin(down), np.cos(down) * np.cos(aside)]
+    room = Room(tuple(size), tuple(place), tuple((place + 1.1 * np.array(towards)).tolist()))
+    s = Sphere(
+        camera.centre, camera.radius, camera.focal_px, (450.0, 400.0), yaw_deg=yaw, room=room
+    )
+    rng = np.random.default_rng(5)
+    rim = s.outline(600)
+    pixels = s.centre_px + (rim - s.centre_px) * rng.uniform(0, 0.995, (600, 1))
+    reflected = camera.radiance(lambda d: d.copy(), *pixels.T, reflectance=np.ones_like)
+    ray = np.append(pixels - (450.0, 400.0), np.full((600, 1), camera.focal_px), axis=1)
+    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+    sight = -ray @ camera.world_axes().T
+    normal = reflected + sight
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    # The room's axes in the result's world: columns of a matrix made from three rotations' angles.
+    z = np.array(towards)
+    x = np.array([np.cos(aside), 0.0, -np.sin(aside)])
+    axes = np.stack([x, np.cross(z, x), z])
+    start = place + 0.05 * normal @ axes
+    along = reflected @ axes
+    nearest = np.full(600, np.inf)
+    for axis in range(3):
+        for wall in (0.0, size[axis]):
+            steps = (wall - start[:, axis]) / along[:, axis]
+            nearest = np.where(steps > 0, np.minimum(nearest, steps), nearest)
+    seen = (start + nearest[:, None] * along - place) @ axes.T
+    seen /= np.linalg.norm(seen, axis=1, keepdims=True)
+    c, sine = np.cos(np.radians(yaw)), np.sin(np.radians(yaw))
+    return s, pixels, seen @ np.array([[c, 0, sine], [0, 1, 0], [-sine, 0, c]]).T, reflected
+
+
+@pytest.mark.parametrize("yaw", [0.0, 70.0])
+def test_in_a_room_a_direction_is_that_of_the_wall_from_the_spheres_centre(yaw):
+    s, pixels, seen, reflected = in_a_room(yaw)
+    np.testing.assert_allclose(s.direction_of(pixels), seen, atol=1e-9)
+    if yaw == 0.0:  # it matters: half a degree and more
+        assert np.median(np.linalg.norm(seen - reflected, axis=1)) > 0.01
+    back, visible = s.pixel_of(seen)
+    assert visible.all()
+    np.testing.assert_allclose(back, pixels, atol=1e-3)
+
+
+def test_in_a_room_light_is_still_reflected_at_the_angle_it_meets_the_mirror_at():
+    s, pixels, seen, reflected = in_a_room()
+    ray = np.append(pixels - (450.0, 400.0), np.full((600, 1), s.focal_px), axis=1)
+    sight = -(ray / np.linalg.norm(ray, axis=1, keepdims=True)) @ s.world_from_camera.T
+    paper = np.arccos(np.sum(reflected * sight, axis=1)) / 2.0
+    np.testing.assert_allclose(s.incidence_angle(seen), paper, atol=1e-6)
+
+
+def test_in_a_room_what_lies_behind_the_sphere_stays_hidden():
+    s = in_a_room()[0]
+    around = np.random.default_rng(6).normal(size=(500, 2)) * 0.01  # within a degree or two
+    behind = np.column_stack([around, -np.ones(500)])
+    assert not s.pixel_of(behind)[1].any()
+    assert np.isnan(s.incidence_angle(behind)).all()

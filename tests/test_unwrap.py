@@ -144,10 +144,12 @@ def test_the_variance_knows_what_demosaicing_shares_between_pixels():
             cfa=np.array([[0, 1], [1, 2]]),
             tagged=(1.0,),
             solved=(1.0,),
-            noise=(0.0, sigma),
+            noise=np.array([[0.0, sigma]]),
             clipped=(0.0,),
-            lost=0.0,
+            lost=flat < 0,
             defective=flat < 0,
+            moved=flat < 0,
+            at_least=np.full((2, 2), 1.0),
         )
         image = demosaic(mosaic)
         cubes.append(

@@ -240,6 +240,11 @@ material = "stainless steel"
 focal_length_mm = 100.0
 pixel_pitch_um = 8.0
 
+[room]                      # by tape, to the nearest 5 cm
+size_m = [4.8, 2.6, 5.8]
+sphere_m = [2.3, 1.25, 2.6]
+camera_m = [2.3, 1.35, 4.1]
+
 [calibration]
 transform = "M_S.toml"
 """

@@ -1,0 +1,58 @@
+"""A picture to check a sphere by: the photograph, with the rim and centre that were found."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stages.mirror import Sphere
+from stages.types import Float, Measured
+
+_LONGEST = 1600  # px of the picture
+_FINE = 8  # bits of a pixel's fraction, for OpenCV's lines
+_GOOD, _POOR = (64, 255, 90), (255, 90, 40)
+
+
+def overlay(image: Measured, sphere: Sphere) -> Float:
+    """The photograph as a display signal, marked.
+
+    image    (H, W, C), the one the sphere was found in; three of its channels make the colours
+    sphere   as found; its rim is drawn green, or red where little of it agrees
+    returns  (h, w, 3) sRGB signal, 0..1, at most 1600 px a side
+    """
+    import cv2
+
+    light = image.values[..., :3] if image.values.shape[-1] >= 3 else image.values[..., :1]
+    known = np.isfinite(light).all(axis=-1)
+    height, width = known.shape
+    scale = min(1.0, _LONGEST / max(height, width))
+    levels = np.asarray(np.median(light[known], axis=0) if known.any() else 1.0)
+    signal = np.ones((height, width, 3), np.float32)  # what is not known was too bright
+    # Each channel by its own median, so that a filter's colour does not hide the picture; then
+    # Reinhard's curve, x / (1 + x), as the light spans ten thousand to one.
+    tone = np.maximum(light[known] / np.maximum(levels, 1e-12), 0.0)
+    signal[known] = (tone / (1.0 + tone)) ** (1.0 / 2.2)
+    size = round(width * scale), round(height * scale)
+    picture = cv2.resize(signal, size, interpolation=cv2.INTER_AREA)
+    picture = np.rint(255.0 * picture).astype(np.uint8)  # OpenCV writes on 8 bits only
+    agreed = not sphere.rim_found < 0.6  # NaN: given, not found
+    colour = _GOOD if agreed else _POOR
+
+    def at(pixels):
+        place = (np.asarray(pixels) * scale - 0.5) * 2**_FINE
+        return np.rint(place).astype(np.int32)
+
+    cv2.polylines(picture, [at(sphere.outline(720))], True, colour, 1, cv2.LINE_AA, _FINE)
+    x, y = sphere.centre_px
+    for dx, dy in ((8.0 / scale, 0.0), (0.0, 8.0 / scale)):
+        ends = at([(x - dx, y - dy), (x + dx, y + dy)]).tolist()
+        cv2.line(picture, ends[0], ends[1], colour, 1, cv2.LINE_AA, _FINE)
+    text = f"x {x:.2f}  y {y:.2f}  radius {sphere.rim_px:.2f} px"
+    if np.isfinite(sphere.rim_found):
+        text += f"; {sphere.rim_found:.0%} of the rim agrees, to {sphere.rim_residual_px:.2f} px"
+    else:
+        text += ", as given"
+    font, tall = cv2.FONT_HERSHEY_SIMPLEX, 0.55
+    (wide, high), below = cv2.getTextSize(text, font, tall, 1)
+    picture[: high + below + 12, : wide + 20] //= 4
+    cv2.putText(picture, text, (10, high + 6), font, tall, colour, 1, cv2.LINE_AA)
+    return np.asarray(picture / 255.0, np.float32)
