@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from stages.fill import fill
-from stages.latlong import latlong
+from stages.layouts import CUBE, LATLONG
+from stages.resample import resample
 from stages.types import Float, Measured
 
 _LARGEST_HALF = 65504.0
@@ -38,7 +39,7 @@ def export(light: Measured) -> Maps:
     scale = half_float_scale(filled)
     stored = filled / np.float32(scale)
     maps = tuple(_three(stored[..., list(triple)]) for triple in triples(filled.shape[-1]))
-    return Maps(maps, scale, latlong(light, 2 * light.values.shape[1]))
+    return Maps(maps, scale, resample(light, CUBE, LATLONG, 2 * light.values.shape[1]))
 
 
 def triples(channels: int) -> tuple[range, ...]:
