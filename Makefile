@@ -47,6 +47,10 @@ preview: $(STAMP)  ## render a finished map: ENVMAP=dir
 tables: $(STAMP)  ## the paper's tables beside ours, and those past it; pictures in build/tables
 	@$(BIN)/sixlight evaluate --pictures build/tables
 
+figures: $(STAMP)  ## the paper's figures, maps of errors, and docs/figures.md: [ONLY=name]
+	@$(BIN)/sixlight envmap sample_captures/room --quiet > /dev/null
+	@$(BIN)/python -m benchmarks.figures $(if $(ONLY),--only $(ONLY))
+
 sample: $(STAMP)  ## render the bundled capture anew, ten minutes: [OUT=dir]
 	@$(BIN)/sixlight simulate room -o "$(or $(OUT),build/sample_room)"
 
@@ -58,7 +62,10 @@ bench: $(STAMP)  ## benchmarks, a table and build/bench/NAME.json: [ONLY=name]
 	@$(BIN)/python -m benchmarks $(ONLY)
 
 test: $(STAMP)  ## the tests
-	@$(BIN)/python -m pytest -n auto --dist loadfile
+	@$(BIN)/python -m pytest -n auto --dist loadfile -m "not slow"
+
+test-slow: $(STAMP)  ## the tests that take long
+	@$(BIN)/python -m pytest -n auto --dist load -m slow
 
 lint: $(STAMP)  ## ruff and mypy
 	@$(BIN)/ruff check .
@@ -68,4 +75,4 @@ lint: $(STAMP)  ## ruff and mypy
 clean:  ## remove results and caches, keep the environment
 	rm -rf build dist .mypy_cache .pytest_cache .ruff_cache
 
-.PHONY: help setup envmap fit preview tables sample check-sample bench test lint clean
+.PHONY: help setup envmap fit preview tables figures sample check-sample bench test test-slow lint clean

@@ -17,7 +17,7 @@ import argparse
 import itertools
 import json
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +25,7 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from benchmarks.figure import Figure
 from calibration import primaries, sets
 from calibration.difference import delta_e_2000, lab
 from calibration.errors import InputError
@@ -38,26 +39,6 @@ FACE = 64  # texels along a face everything is compared at: 1.4 degrees
 SEEN_WITHIN = np.cos(np.radians(135.0))  # of +Z, the way to the camera
 LOW_PASS_DEGREES = 3.0  # full width at half maximum of the Gaussian
 SQUASH = 0.02  # of the mean radiance: where a logarithm of light goes over into a line
-
-
-@dataclass(frozen=True)
-class Figure:
-    name: str
-    value: float
-    unit: str
-    low: float | None = None
-    high: float | None = None
-
-    @property
-    def holds(self) -> bool:
-        above = self.low is None or self.value >= self.low
-        return bool(above and (self.high is None or self.value <= self.high))
-
-    @property
-    def bound(self) -> str:
-        if self.low is not None and self.high is not None:
-            return f"{self.low:g} to {self.high:g}"
-        return "" if self.high is None else f"at most {self.high:g}"
 
 
 @dataclass(frozen=True)
@@ -312,20 +293,12 @@ def main() -> int:
     except InputError as error:
         print(error, file=sys.stderr)
         return 2
-    for f in figures:
-        mark = "" if not f.bound else "ok" if f.holds else "NO"
-        print(f"{f.name:48s} {f.value:8.3f} {f.unit:8s} {f.bound:16s} {mark}")
+    for figure in figures:
+        print(figure)
     if arguments.json:
-        rows = [
-            {
-                **{k: asdict(f)[k] for k in ("name", "value", "unit")},
-                "bound": f.bound,
-                "holds": f.holds,
-            }
-            for f in figures
-        ]
+        rows = [figure.row() for figure in figures]
         arguments.json.write_text(json.dumps(rows, indent=2) + "\n")
-    return 0 if all(f.holds for f in figures) else 1
+    return 0 if all(figure.holds is not False for figure in figures) else 1
 
 
 if __name__ == "__main__":

@@ -14,8 +14,10 @@ from pathlib import Path
 from calibration import fit, metals, primaries, spectra
 from calibration.errors import InputError, Problem, fault
 from pipeline import io, photographs
-from pipeline.photographs import Filter
+from pipeline.photographs import Filter, OfSensor
 from pipeline.tables import Table, read_toml
+from stages.merge import Known
+from stages.room import Room
 
 _DEFAULT_MATERIAL = "stainless steel"  # what the paper's sphere and most gazing balls are made of
 
@@ -59,9 +61,12 @@ class Capture:
     filters: tuple[Filter, ...]
     sphere: SphereSpec
     focal_px: float | None
+    room: Room | None
     calibration: Calibration
     yaw_deg: float
+    known: Known
     notes: tuple[str, ...]
+    of_sensor: OfSensor
 
     @property
     def shots(self) -> tuple[io.Shot, ...]:
@@ -135,15 +140,20 @@ def load(folder: Path) -> Capture:
         "focal_length_mm": camera.number("focal_length_mm", "mm", low=1, high=1e5),
         "pixel_pitch_um": camera.number("pixel_pitch_um", "um", low=0.1, high=1000),
     }
+    known = _known(root, camera)
     filters = photographs.find(folder, root, camera, problems)
     shots = [shot for f in filters for shot in f.shots]
-    notes = photographs.notes_of(shots)
-    if (folder / "dark").is_dir():
-        notes.append("dark frames are not used by this version")
+    of_sensor = photographs.find_of_sensor(folder, filters, camera, problems)
+    notes = [
+        *photographs.notes_of(shots),
+        *photographs.changes(filters),
+        *photographs.notes_of_sensor(of_sensor, filters),
+    ]
     focal_px = _focal_px(shots, lens["focal_length_mm"], lens["pixel_pitch_um"])
     sphere = _sphere(root.table("sphere"), focal_px, shots, problems, notes)
     yaw = root.table("orientation")
     yaw_deg = yaw.number("yaw_deg", "degrees", low=-360, high=360) or 0.0
+    room = _room(root.table("room"), sphere) if "room" in root.content else None
     calibration = _calibration(root.table("calibration"))
     if root.tables("view"):
         problems.append(
@@ -157,7 +167,19 @@ def load(folder: Path) -> Capture:
     for table in (root, camera, yaw):
         table.nothing_else()
 
-    capture = Capture(folder, name, filters, sphere, focal_px, calibration, yaw_deg, tuple(notes))
+    capture = Capture(
+        folder,
+        name,
+        filters,
+        sphere,
+        focal_px,
+        room,
+        calibration,
+        yaw_deg,
+        known,
+        tuple(notes),
+        of_sensor,
+    )
     if not problems:  # M_S is matched to the bands, so the photographs must be right first
         _collect(problems, lambda: capture.transform)
     _collect(problems, lambda: _check_metal(sphere))
@@ -171,6 +193,23 @@ def _collect(problems: list[Problem], check: Callable[[], object]) -> None:
         check()
     except InputError as error:
         problems.extend(error.problems)
+
+
+def _known(root: Table, camera: Table) -> Known:
+    """What the user says of the sensor: [camera] saturation_level, and a [[noise]] an ISO."""
+    noise = {}
+    for table in root.tables("noise"):
+        iso = table.number("iso", "ISO", low=1, high=1e7)
+        electrons = table.number("full_scale_electrons", "electrons", low=10, high=1e8)
+        read = table.number("read_electrons", "electrons", low=0, high=1e4)
+        prnu = table.number("prnu", "share of the signal", low=0, high=0.2)
+        table.nothing_else()
+        for key in ("iso", "full_scale_electrons", "read_electrons"):
+            if key not in table.content:
+                table.wrong(key, "missing", "a number", "add it")
+        if iso is not None and electrons is not None and read is not None:
+            noise[iso] = 1 / electrons, read / electrons, prnu
+    return Known(noise, camera.number("saturation_level", "raw steps", low=1, high=65535))
 
 
 def _focal_px(shots, focal_length_mm, pixel_pitch_um) -> float | None:
@@ -221,6 +260,28 @@ def _sphere(table: Table, focal_px, shots, problems, notes) -> SphereSpec:
             table.wrong("outline", repr(list(outline)), expected, "correct it or photograph again")
     place = (outline[0], outline[1], outline[2]) if outline else None
     return SphereSpec(radius or 50.0, distance, material, reflectance, place)
+
+
+def _room(table: Table, sphere: SphereSpec) -> Room | None:
+    size = table.vector("size_m", "m: width, height, depth")
+    place = table.vector("sphere_m", "m from the left wall, the floor, the wall behind the sphere")
+    camera = table.vector("camera_m", "m, likewise")
+    for key, value in (("size_m", size), ("sphere_m", place)):
+        if value is None and key not in table.content:
+            table.wrong(key, "missing", "[x, y, z] in m", "measure it and add it, or remove [room]")
+    table.nothing_else()
+    if size is None or place is None:
+        return None
+    margin = sphere.radius_mm * 1e-3
+    if not all(margin < p < s - margin for p, s in zip(place, size, strict=True)):
+        expected = f"the whole sphere inside size_m {list(size)}"
+        table.wrong("sphere_m", repr(list(place)), expected, "correct one of them")
+        return None
+    if camera is not None and not camera[2] - place[2] > 2.0 * margin:
+        expected = f"its third number above {place[2] + 2.0 * margin:g}: z runs to the camera"
+        table.wrong("camera_m", repr(list(camera)), expected, "correct it, or leave it out")
+        return None
+    return Room(size, place, camera)
 
 
 def _calibration(table: Table) -> Calibration:

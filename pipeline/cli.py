@@ -114,6 +114,8 @@ def envmap(
         _say("note: no calibration: the camera's own bands are written, not the primaries", quiet)
     out = out or Path("build") / capture.resolve().name
     result = runner.run(loaded, out, settings, force=force, quiet=quiet)
+    for note in result["notes"][len(loaded.notes) :]:  # what the steps found
+        _say(f"note: {note}", quiet)
     if json:
         print(jsonlib.dumps(result, indent=2))
     else:
@@ -126,15 +128,23 @@ def envmap(
 @app.command()
 def inspect(
     capture: Annotated[Path, typer.Argument(help="Folder of the capture.")],
+    noise: Annotated[
+        Path | None, typer.Option(help="Also draw the camera's noise against signal: FILE.png.")
+    ] = None,
     json: Json = False,
 ) -> None:
     """What a capture holds: exposures, clipping, warnings; touches nothing.
 
-    Example: sixlight inspect sample_captures/room
+    Example: sixlight inspect sample_captures/room --noise build/noise.png
     """
     from pipeline import inspection
 
     report = inspection.inspect(capture)
+    if noise is not None:
+        from pipeline import capture as captures
+        from pipeline import noise_plot
+
+        noise_plot.draw(captures.load(capture), noise)
     print(jsonlib.dumps(report, indent=2) if json else inspection.as_text(report))
 
 
@@ -502,6 +512,77 @@ def spectra(
     for note in notes:
         _say(f"note: {note}", quiet)
     print(out)
+
+
+@app.command()
+def convert(
+    source: Annotated[Path, typer.Argument(help="Any image OpenImageIO reads; NAME_{face}.exr.")],
+    out: Annotated[Path, typer.Argument(help=".exr, .hdr, .tif; .ktx2, .dds: cubes with mips.")],
+    layout: Annotated[
+        str | None,
+        typer.Option(
+            help="cube (faces stacked), hcross, vcross, faces (six files), latlong, mirrorball, "
+            "angular, octahedral."
+        ),
+    ] = None,
+    source_layout: Annotated[
+        str | None, typer.Option("--from", help="Of IN [its header's, or by its shape].")
+    ] = None,
+    size: Annotated[
+        int | None, typer.Option(help="Rows; of cubes, texels along a face [IN's detail].")
+    ] = None,
+    turn: Annotated[
+        str | None, typer.Option(help="yaw[,pitch[,roll]] in degrees, or nine numbers.")
+    ] = None,
+    preset: Annotated[
+        str | None,
+        typer.Option(help="blender, mitsuba, threejs, unreal, unity or filament."),
+    ] = None,
+    channels: Annotated[str | None, typer.Option(help="Those to keep: P1,P2,P3.")] = None,
+    outline: Annotated[
+        str | None, typer.Option(help="Of a photographed ball: x,y,radius in px [searched for].")
+    ] = None,
+    distance: Annotated[
+        float | None, typer.Option(help="Of its camera, in the ball's radii [far away].")
+    ] = None,
+    fill: Annotated[
+        bool, typer.Option("--fill", help="Close holes; leave out valid and sigma.")
+    ] = False,
+    force: Force = False,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """One layout to another, any channels, any rotation, each pixel filtered over its area.
+
+    Example: sixlight convert build/room/cubemap.exr room.exr --layout octahedral --turn 30
+
+    Example: sixlight convert build/room/cubemap_123.exr room.hdr --preset blender
+
+    Example: sixlight convert ball.hdr cube.exr --from mirrorball --layout cube
+    """
+    from pipeline import convert as conversion
+
+    done = conversion.convert(
+        source,
+        out,
+        layout=layout,
+        source_layout=source_layout,
+        size=size,
+        turn=turn,
+        preset=preset,
+        channels=channels,
+        outline=outline,
+        distance=distance,
+        filled=fill,
+        force=force,
+    )
+    for note in done["notes"]:
+        _say(f"note: {note}", quiet)
+    if json:
+        print(jsonlib.dumps(done, indent=2))
+    else:
+        for path in done["files"]:
+            print(path)
 
 
 @app.command()

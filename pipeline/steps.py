@@ -17,8 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from calibration import metals
-from pipeline import digest, io, previews
+from calibration import bands as camera_bands
+from calibration import metals, spectra, training
+from calibration.display import SRGB
+from pipeline import digest, io, ktx2, previews
 from pipeline import header as headers
 from pipeline.bracket import Bracket, exposure
 from pipeline.capture import Capture
@@ -28,13 +30,22 @@ from pipeline.settings import Settings
 from stages import cube
 from stages.align import Alignment, align
 from stages.assess import assess, shared_noise
+from stages.dark import dark_current, subtract
 from stages.demosaic import demosaic
+from stages.drift import drift, worth_telling
 from stages.export import export, triples
 from stages.fill import fill
+from stages.flat import flatten, response
 from stages.locate import locate
-from stages.merge import merge
+from stages.merge import merge, warnings
 from stages.mirror import Sphere
 from stages.normalise import normalise, reflectance_at
+from stages.overlay import overlay
+from stages.prefilter import prefilter
+from stages.room import Room
+from stages.scale import Scale, scale, scaled
+from stages.scale import warnings as warnings_of_scale
+from stages.sensitivity import sensitivity
 from stages.transform import transform
 from stages.unwrap import BAYER_NOISE_AREA_PX, default_face_size, unwrap
 
@@ -46,9 +57,10 @@ class Step:
     """One step: what it reads and makes, and how.
 
     name, about  for people
-    reads        files of the output folder; "raw" stands for a filter's photographs. A name with
-                 {filter} stands for that filter's file, or for those of all filters; one with
-                 {triple} for a file every three channels, named by them: 123, 456, 78
+    reads        files of the output folder; "raw" stands for a filter's photographs, "dark" and
+                 "flat" for those that show the sensor. A name with {filter} stands for that
+                 filter's file, or for those of all filters; one with {triple} for a file every
+                 three channels, named by them: 123, 456, 78
     makes        files of the output folder, named likewise
     given        plain values it needs besides, from the capture, the settings and, where it is
                  done for each filter, that filter's index
@@ -85,27 +97,70 @@ def files_of(name: str, *, filters: Sequence[str], channels: int) -> list[str]:
 
 
 def _exposures(capture: Capture, settings: Settings, index: int):
-    return {"exposures": [exposure(shot) for shot in capture.filters[index].shots]}
-
-
-def _merge(read, write, *, exposures) -> Learnt:
-    try:
-        radiance = merge(Bracket(read, exposures))
-    except InputError as error:
-        raise error.at(read[0].parent) from error
-    io.write_radiance(write[0], radiance)
+    f, of = capture.filters[index], capture.of_sensor
     return {
-        "files": [path.name for path in read],
-        "light_tagged": radiance.tagged,
-        "light_solved": radiance.solved,
-        "noise_gain_and_read": radiance.noise,
-        "clipped": radiance.clipped,
-        "lost": radiance.lost,
+        "exposures": [exposure(shot) for shot in f.shots],
+        "dark": [exposure(shot) for shot in of.dark],
+        "flat": [exposure(shot) for shot in of.flat.get(f.name, ())],
+        "known": capture.known,
     }
 
 
-def _demosaic(read, write) -> Learnt:
-    image = demosaic(io.read_radiance(read[0]))
+def _merge(read, write, *, exposures, dark, flat, known) -> Learnt:
+    files = iter(read)
+    read, dark_files, flat_files = ([next(files) for _ in some] for some in (exposures, dark, flat))
+    folder = write[0].parent
+
+    def merged(files, given):
+        try:
+            return merge(Bracket(files, given, folder), known)
+        except InputError as error:
+            raise error.at(files[0].parent) from error
+
+    radiance = merged(read, exposures)
+    if dark:
+        longest = max(range(len(exposures)), key=lambda k: exposures[k]["time_s"])
+        gain = radiance.noise[longest][0] * 100 / exposures[longest]["iso"]
+        current = dark_current(Bracket(dark_files, dark, folder), gain)
+        radiance = subtract(radiance, current, exposures[longest]["f_number"])
+    if flat:
+        radiance = flatten(radiance, response(merged(flat_files, flat)))
+    io.write_radiance(write[0], radiance)
+    names = [path.name for path in read]
+    return {
+        "files": names,
+        "dark_frames": len(dark),
+        "flat_frames": len(flat),
+        "light_tagged": radiance.tagged,
+        "light_solved": radiance.solved,
+        "noise_gain_and_read": radiance.noise,
+        "prnu": radiance.prnu,
+        "photon_transfer": radiance.transfer,
+        "clipped": radiance.clipped,
+        "lost": radiance.lost.mean(),
+        "lost_is_at_least": radiance.at_least,
+        "defective": radiance.defective.mean(),
+        "moved": radiance.moved.mean(),
+        "notes": warnings(radiance, names),
+    }
+
+
+def _scale_given(capture: Capture, settings: Settings, index: int):
+    return {"filters": [f.name for f in capture.filters]}
+
+
+def _scale(read, write, *, filters) -> Learnt:
+    found = scale([io.read_lights(path) for path in read])
+    return {**_write_fields(write[0], found), "notes": warnings_of_scale(found, filters)}
+
+
+def _demosaic_given(capture: Capture, settings: Settings, index: int):
+    return {"index": index}
+
+
+def _demosaic(read, write, *, index) -> Learnt:
+    factor = _read_fields(read[1], Scale).factors[index]
+    image = demosaic(scaled(io.read_radiance(read[0]), factor))
     io.write_measured(write[0], image, "RGB", _header("demosaic"), compression="none")
     return {}
 
@@ -115,29 +170,46 @@ def _demosaic(read, write) -> Learnt:
 
 def _sphere_given(capture: Capture, settings: Settings, index: int):
     sphere = capture.sphere
+    angles = np.pi / 2 * (1.0 - np.linspace(1.0, 0.0, 181) ** 3)  # densest where the rim is
+    by_wavelength = (
+        metals.reflectance(sphere.material, angles)
+        if sphere.reflectance is None
+        else metals.measured(metals.near_normal(sphere.reflectance), sphere.material, angles)
+    )
     return {
+        "reflectance": (angles.tolist(), by_wavelength.mean(axis=1).tolist()),
         "radius_mm": sphere.radius_mm,
         "distance_mm": sphere.distance_mm,
         "focal_px": capture.focal_px,
         "outline": sphere.outline,
         "yaw_deg": capture.yaw_deg,
+        "room": None if capture.room is None else dataclasses.asdict(capture.room),
     }
 
 
-def _locate(read, write, **given) -> Learnt:
-    sphere = locate([io.read_measured(path)[0] for path in read], **given)
-    return _write_fields(write[0], sphere)
+def _locate(read, write, *, room, reflectance, **given) -> Learnt:
+    images = [io.read_measured(path)[0] for path in read]
+    angles, factors = (np.array(v) for v in reflectance)
+    sphere = locate(
+        images,
+        room=None if room is None else Room(**room),
+        reflectance=(angles, factors),
+        **given,
+    )
+    io.write_picture(write[1], overlay(images[0], sphere), SRGB)
+    moved = sensitivity(sphere, distance_known=given["distance_mm"] is not None)
+    return {**_write_fields(write[0], sphere), "directions_move_by_degrees": moved}
 
 
 def _align(read, write) -> Learnt:
     *images, sphere = read
-    alignment = align([io.read_measured(p)[0] for p in images], _read_fields(sphere, Sphere))
+    alignment = align([io.read_measured(p)[0] for p in images], _read_sphere(sphere))
     return _write_fields(write[0], alignment)
 
 
 def _unwrap(read, write, *, face_size, names, header) -> Learnt:
     *images, sphere_file, alignment = read
-    sphere = _read_fields(sphere_file, Sphere)
+    sphere = _read_sphere(sphere_file)
     bands = unwrap(
         [io.read_measured(p)[0] for p in images],
         sphere,
@@ -156,6 +228,52 @@ def _bands_given(capture: Capture, settings: Settings, index: int):
         "orientation": _ORIENTATION,
     }
     return {"face_size": settings.face_size, "names": capture.bands, "header": header}
+
+
+def _drift_given(capture: Capture, settings: Settings, index: int):
+    c, filters = capture.calibration, [f.name for f in capture.filters]
+    sensitivities = None
+    if c.camera is not None and c.filters is not None:
+        camera = spectra.read_spectra(c.camera, "power")
+        glass = spectra.read_spectra(c.filters, "fraction")
+        sensitivities = camera_bands.sensitivities(camera, glass, filters)[1].tolist()
+    return {"filters": filters, "sensitivities": sensitivities}
+
+
+def _drift(read, write, *, filters, sensitivities) -> Learnt:
+    bands, names = io.read_measured(read[0], cube=True)
+    noise_area_px = [BAYER_NOISE_AREA_PX["RGB".index(name[-1])] for name in names]
+    common = shared_noise(_read_sphere(read[1]), bands.values.shape[1], noise_area_px)
+    known = None
+    if sensitivities is not None:
+        lights, surfaces = training.checked(None, None)
+        known = training.lit(lights.values.T, training.with_white(surfaces)[0]) @ sensitivities
+    changes = drift(bands, common=common, known=known)
+    later = filters[1:]
+    header = _header("drift") | {
+        "orientation": _ORIENTATION,
+        "unit": f"log_ratio: ln of the light in this filter's photographs over {filters[0]}'s;"
+        " significance: that in standard deviations",
+    }
+    maps = [m for c in changes for m in (c.log_ratio, c.log_ratio / c.sigma)]
+    channels = [f"{name}.{what}" for name in later for what in ("log_ratio", "significance")]
+    faces = np.stack(maps, axis=-1)
+    io.write_exr(write[0], faces.reshape(-1, *faces.shape[-2:]), channels, header)
+    return {
+        "against": filters[0],
+        "absolute": known is not None,
+        "filters": {
+            name: {
+                "share_of_light": change.share,
+                "largest_ratio": change.largest,
+                "direction": change.direction,
+                "overall_ratio": change.overall,
+                "overall_log_sigma": change.overall_log_sigma,
+            }
+            for name, change in zip(later, changes, strict=True)
+        },
+        "notes": worth_telling(changes, filters),
+    }
 
 
 # --------------------------------------------------------------------------------------- colour
@@ -198,7 +316,7 @@ def _normalise(
     read, write, *, angles_rad, reflectance, matrix, xyz_from_primaries, header
 ) -> Learnt:
     reflected, names = io.read_measured(read[0], cube=True)
-    sphere = _read_fields(read[1], Sphere)
+    sphere = _read_sphere(read[1])
     n = reflected.values.shape[1]
     incidence = sphere.incidence_angle(cube.directions(n))
     of_texel = reflectance_at(incidence, angles_rad, reflectance)
@@ -227,7 +345,8 @@ def _export(read, write, *, header) -> Learnt:
     maps = export(light)
     header = header | {"step": "export"}
     dealt = triples(len(names))
-    for path, triple, values in zip(write[:-1], dealt, maps.triples, strict=True):
+    images, textures = write[: len(dealt)], write[len(dealt) : -1]
+    for path, texture, triple, values in zip(images, textures, dealt, maps.triples, strict=True):
         note = {
             "scale": f"{maps.scale:g}",
             "channels": " ".join(names[i] for i in triple),
@@ -237,6 +356,7 @@ def _export(read, write, *, header) -> Learnt:
             note["unused"] = " ".join("RGB"[len(triple) :]) + ", 0 everywhere"
         faces = values.reshape(-1, *values.shape[-2:])
         io.write_exr(path, faces, "RGB", header | note, half=True)
+        ktx2.write(texture, prefilter(values), header | note)
     io.write_measured(write[-1], maps.latlong, names, header | {"orientation": _LATLONG})
     return {"half_float_scale": maps.scale}
 
@@ -298,21 +418,36 @@ def _read_fields(path: Path, kind):
     return kind(**json.loads(path.read_text(encoding="utf-8")))
 
 
+def _read_sphere(path: Path) -> Sphere:
+    sphere = _read_fields(path, Sphere)
+    room: Any = sphere.room  # as JSON has it
+    return sphere if room is None else dataclasses.replace(sphere, room=Room(**room))
+
+
 STEPS = (
     Step(
         "merge",
         "raw files of a bracket, developed one by one, to one HDR mosaic with its variance",
-        reads=("raw",),
+        reads=("raw", "dark", "flat"),
         makes=("work/merged_{filter}.npz",),
         given=_exposures,
         run=_merge,
         for_each=True,
     ),
     Step(
+        "scale",
+        "one scale for all filters: whether the shutter keeps to its tags or to powers of two",
+        reads=("work/merged_{filter}.npz",),
+        makes=("work/scale.json",),
+        given=_scale_given,
+        run=_scale,
+    ),
+    Step(
         "demosaic",
         "the mosaic to an image of three colours",
-        reads=("work/merged_{filter}.npz",),
+        reads=("work/merged_{filter}.npz", "work/scale.json"),
         makes=("work/image_{filter}.exr",),
+        given=_demosaic_given,
         run=_demosaic,
         for_each=True,
     ),
@@ -320,7 +455,7 @@ STEPS = (
         "locate",
         "the sphere's rim, below a pixel, and with it the camera's place",
         reads=("work/image_{filter}.exr",),
-        makes=("work/sphere.json",),
+        makes=("work/sphere.json", "sphere.png"),
         given=_sphere_given,
         run=_locate,
     ),
@@ -338,6 +473,14 @@ STEPS = (
         makes=("cubemap_bands.exr",),
         given=_bands_given,
         run=_unwrap,
+    ),
+    Step(
+        "drift",
+        "whether the light changed between one filter's photographs and another's",
+        reads=("cubemap_bands.exr", "work/sphere.json"),
+        makes=("work/drift.exr",),
+        given=_drift_given,
+        run=_drift,
     ),
     Step(
         "transform",
@@ -361,7 +504,7 @@ STEPS = (
         "export",
         "RGB maps of three channels each, without holes, for renderers; and the latlong image",
         reads=("cubemap.exr",),
-        makes=("cubemap_{triple}.exr", "latlong.exr"),
+        makes=("cubemap_{triple}.exr", "cubemap_{triple}.ktx2", "latlong.exr"),
         given=_export_given,
         run=_export,
         calibrated=True,

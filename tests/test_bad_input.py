@@ -304,6 +304,7 @@ def test_an_output_folder_that_cannot_be_written(sixlight, small, tmp_path):
     assert "-o" in outcome.err
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.geteuid() != 0, reason="mounting a small disk takes root")
 @pytest.mark.parametrize("size", ["200k", "3m", "8m"])
 def test_a_disk_that_fills_up(sixlight, small, tmp_path, size):

@@ -70,6 +70,7 @@ def test_a_row_is_what_the_interface_promises(rows):
     assert " ".join(row) == ("table input method primaries surfaces lights n mean sd max p90 paper")
 
 
+@pytest.mark.slow
 def test_through_a_camera_everything_keeps_its_place():
     """Few surfaces and lights; the sizes are the paper's: camera light and both a little worse."""
     checker = [tables.Trial("cc", sets.surfaces("colorchecker24"), "CC")]
@@ -114,6 +115,7 @@ def test_lamps_named_as_never_trained_on_are_not():
             assert not trained & set(trial.spectra.names)
 
 
+@pytest.mark.slow
 def test_pictures_hold_the_means_of_the_rows():
     on = [_grey()]
     full, camera = tables.pictures(

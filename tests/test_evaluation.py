@@ -24,6 +24,7 @@ def files(tmp_path):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_the_users_spectra_take_the_place_of_the_sets(files):
     rows = evaluation.evaluate(
         surfaces=files / "paints.csv", lights=files / "lamps.csv", primaries=["darling2011"]
@@ -37,6 +38,7 @@ def test_the_users_spectra_take_the_place_of_the_sets(files):
     assert "| paints | FS-Both | Sharp RGB |" in evaluation.as_markdown(rows)
 
 
+@pytest.mark.slow
 def test_lights_count_alike_whatever_their_scale(files):
     lamps = sets.lights("darling2011").only(["A", "F11"])
     louder = Spectra(lamps.wavelengths, lamps.names, lamps.values * [1.0, 500.0])
@@ -83,6 +85,7 @@ def test_micrometres_and_duplicates_are_named(tmp_path):
         evaluation.evaluate(lights=tmp_path / "twice.csv")
 
 
+@pytest.mark.slow
 def test_a_single_light_is_enough_to_evaluate_but_not_to_leave_out(files):
     write_spectra(files / "lamp.csv", sets.lights("darling2011").only(["F11"]))
     assert {row["n"] for row in tables_of(files, "lamp.csv")} == {2}
@@ -131,6 +134,7 @@ def _copy(path, name):
     return copy
 
 
+@pytest.mark.slow
 def test_heat_maps_are_drawn(files):
     pytest.importorskip("matplotlib", reason="the extra `report` is not installed")
     made = evaluation.heat_maps(

@@ -168,6 +168,7 @@ def test_a_light_that_clips_a_band_in_every_patch_is_named(bands, primaries):
         chart_fit(bands, primaries, (signals, variances, radiances))
 
 
+@pytest.mark.slow
 def test_left_out_lights_are_seen_only_from_outside(bands, primaries):
     """A light whose readings are wrong is found by fitting the others."""
     signals, variances, radiances = session(bands)
@@ -193,6 +194,7 @@ def five(bands):
     return session(bands, lights=("A", "D65", "D50", "F2", "F11"), noise=0.001)
 
 
+@pytest.mark.slow
 def test_by_colour_is_no_worse_than_the_pseudo_inverse_on_lights_never_seen(five, bands, primaries):
     """Lamps that no light of the session is: the colours of a chart, rendered, and of white."""
     lamps = sets.lights("cie-led+cie-fl3+planckian").values.T

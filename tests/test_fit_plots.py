@@ -35,6 +35,7 @@ def fitted(kind=chart.COLORCHECKER24):
     return Fitted(transform, SIGNED, chart=residuals.Chart.of(seen, read, chart.CHARTS[kind]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", chart.CHARTS)
 def test_four_pictures_show_a_chart_fit(tmp_path, kind):
     paths = fit_plots.draw(fitted(kind), tmp_path / "plots")

@@ -259,6 +259,7 @@ def test_a_session_that_gives_no_matrix_is_refused_in_a_line(
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_an_sg_session_needs_nothing_but_its_photographs_and_readings(sixlight, tmp_path):
     kind = chart.COLORCHECKER_SG
     names = chart.CHARTS[kind]

@@ -74,7 +74,7 @@ def test_steps_are_printed_from_the_list(sixlight):
 
 
 def test_every_step_reads_what_an_earlier_one_made():
-    made = {"raw"}
+    made = {"raw", "dark", "flat"}
     for step in STEPS:
         assert set(step.reads) <= made, step.name
         made |= set(step.makes)
@@ -109,6 +109,7 @@ def test_help_does_not_wait_for_slow_imports():
     assert done.stdout.splitlines()[-1] == "[]", done.stderr
 
 
+@pytest.mark.slow
 def test_the_wheel_runs_elsewhere(small_capture_once, tmp_path):
     """Built, installed into a folder of its own, and run there: no file may be left behind."""
     build = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "-o", tmp_path, ROOT]

@@ -105,6 +105,7 @@ def test_what_ships_reproduces_colours_it_was_not_trained_on(name, at_most, chec
         assert errors.mean() <= most, tested
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["signed6", "nonnegative6"])
 def test_what_ships_is_where_its_descent_ends(name):
     """So the files are what `python -m calibration.optimise NAME` gives, without running it."""
@@ -152,6 +153,7 @@ def test_a_new_set_is_of_its_kind_and_better_than_the_papers(kind, small):
         np.testing.assert_allclose(found.curves, shapes, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_a_seed_makes_the_same_set_again(small):
     made = [
         optimise.new_set(*small, kind="gaussian", channels=4, starts=2, seed=seed)[0].digest
@@ -173,6 +175,7 @@ def test_more_smoothing_makes_smoother_curves(small):
     assert bends[1] < 0.5 * bends[0]
 
 
+@pytest.mark.slow
 def test_progress_runs_to_its_end(small):
     seen = []
     optimise.new_set(
@@ -181,6 +184,7 @@ def test_progress_runs_to_its_end(small):
     assert [done for done, _ in seen] == list(range(1, seen[-1][1] + 1))
 
 
+@pytest.mark.slow
 def test_cross_validation_is_on_what_was_left_out(small):
     lights, surfaces = small
     rows = optimise.cross_validate(

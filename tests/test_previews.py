@@ -130,6 +130,7 @@ def test_full_spectra_agree_about_metamers(metamers):
     assert found[1] >= 10.0
 
 
+@pytest.mark.slow
 def test_the_true_light_of_the_bundled_room_agrees_about_metamers():
     """Paints made for six channels of the room, judged by its 36 wavelengths."""
     room = Path(__file__).parent.parent / "sample_captures" / "room" / "truth"
@@ -190,6 +191,7 @@ def test_a_mesh_is_shown_in_the_teapots_place(sixlight, tmp_path):
     assert (tmp_path / "out" / "preview_wall.exr").is_file()
 
 
+@pytest.mark.slow
 def test_a_turntable_comes_as_frames_or_as_video(sixlight, tmp_path):
     file = save(tmp_path / "cubemap.exr", two_lights())
     scene = tmp_path / "ball.toml"

@@ -117,6 +117,7 @@ def test_what_is_hidden_turns_with_the_scene():
     )
 
 
+@pytest.mark.slow
 def test_a_turned_scene_is_shaded_from_the_sight_of_the_scene_as_it_was():
     rng = np.random.default_rng(8)
     smooth = 1 + cubes.directions(32) @ rng.normal(size=(3, 2)) * 0.4

@@ -366,6 +366,7 @@ def test_wrong_wishes_are_refused_in_one_line(tmp_path, monkeypatch):
     assert [p.name for p in tmp_path.iterdir()] == ["there"]
 
 
+@pytest.mark.slow
 def test_a_whole_capture_is_written_and_nothing_beside_it(tmp_path, monkeypatch, render):
     from pipeline.simulate import room
 

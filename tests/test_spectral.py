@@ -341,6 +341,7 @@ def test_a_hyperspectral_cubemap_is_ready_for_the_renderer(tmp_path):
     np.testing.assert_allclose(mean(filled), day, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_hyperspectral_cubemap_is_previewed(sixlight, tmp_path):
     """A brown of daylight from above and tungsten from below lights the teapot."""
     faces = np.repeat(lights()[[0, 0, -1, 0, 0, 0], [0, 0, -1, 0, 0, 0]], 8, axis=0)
