@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -169,25 +168,6 @@ def parse(
         exposure_ev=ev,
         tone=tone,
     )
-
-
-def described(look: Look) -> dict[str, Any]:
-    """All that a look says, as plain numbers and text: equal where pictures would be equal."""
-    ramp = np.linspace(0.0, 1.0, 65)[:, None].repeat(3, axis=1)
-    d = look.display
-    return {
-        "display": d.name,
-        "xyz_from_rgb": d.xyz_from_rgb.tolist(),
-        "black": d.black.tolist(),
-        "white_cd_m2": d.white_cd_m2,
-        "peak": d.peak,
-        "light_of_signal": d.decoded(ramp).tolist(),
-        "adaptation": look.adaptation or "none",
-        "degree": look.degree,
-        "white": look.white or MAP,
-        "exposure_ev": "auto" if look.exposure_ev is None else look.exposure_ev,
-        "tone": look.tone,
-    }
 
 
 def in_words(look: Look) -> str:

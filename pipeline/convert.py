@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from calibration import display
 from pipeline import dds, io, ktx2
 from pipeline.errors import InputError, Problem, fault, storing
 from stages import cube
@@ -276,7 +275,7 @@ def _read(source: Path, layout: str | None, channels: str | None) -> _Image:
         raise fault(found, "NAME_{face}.exr with --from faces", "give both or neither", source)
     notes: list[str] = []
     if layout == FACES:
-        read = [_read_file(path) for path in _face_files(source)]
+        read = [io.read_image(path) for path in _face_files(source)]
         for path, (pixels, names, _, _) in zip(_face_files(source), read, strict=True):
             if pixels.shape != read[0][0].shape or names != read[0][1]:
                 raise fault(
@@ -291,7 +290,7 @@ def _read(source: Path, layout: str | None, channels: str | None) -> _Image:
             raise fault(_size_of(pixels[0]), "square faces", "check the files", source)
         found = FACES
     else:
-        pixels, names, header, decoded = _read_file(source)
+        pixels, names, header, decoded = io.read_image(source)
         found = layout or header.get("layout", "") or _by_shape(pixels, source)
         if found in PACKINGS:
             faces = unpacked(pixels, found)
@@ -337,35 +336,6 @@ def _by_shape(pixels, source: Path) -> str:
         "say what it is",
         source,
     )
-
-
-def _read_file(path: Path):
-    """Pixels (H, W, C) float32, channel names, sixlight's header, whether sRGB was decoded."""
-    import OpenImageIO as oiio
-
-    image = oiio.ImageInput.open(str(path))
-    if image is None:
-        said = oiio.geterror()
-        found = "no such file" if not path.exists() else f"not a readable image ({said})"
-        raise fault(found, "an image that OpenImageIO reads", "check the path", path)
-    try:
-        spec = image.spec()
-        pixels = image.read_image("float")
-        if pixels is None:
-            raise fault(f"damaged ({image.geterror()})", "a complete file", "make it again", path)
-        header = {
-            p.name.removeprefix("sixlight:"): str(p.value)
-            for p in spec.extra_attribs
-            if p.name.startswith("sixlight:")
-        }
-        pixels = pixels.reshape(spec.height, spec.width, -1)
-        integers = spec.format.basetype not in (oiio.HALF, oiio.FLOAT, oiio.DOUBLE)
-        if integers:
-            colours = [i for i in range(pixels.shape[-1]) if i != spec.alpha_channel]
-            pixels[..., colours] = display.decode(pixels[..., colours])
-        return pixels, tuple(spec.channelnames), header, integers
-    finally:
-        image.close()
 
 
 def _split_channels(
@@ -599,14 +569,5 @@ def _write_exr(path: Path, part: Measured, names, header, *, with_errors: bool) 
 
 
 def _write_rgb(path: Path, part: Measured, header: Mapping[str, str]) -> None:
-    import OpenImageIO as oiio
-
-    pixels = np.ascontiguousarray(np.nan_to_num(part.values, nan=0.0), np.float32)
-    if path.suffix.lower() == ".hdr":
-        pixels = np.maximum(pixels, 0.0)  # RGBE has no sign
-    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, "float")
-    spec.attribute("oiio:ColorSpace", "lin")
-    spec.attribute("DateTime", "")
     about = "; ".join(f"{k}: {header[k]}" for k in ("layout", "orientation", "channels"))
-    spec.attribute("ImageDescription", about)
-    io.write_image(path, spec, pixels)
+    io.write_rgb(path, np.nan_to_num(part.values, nan=0.0), about)

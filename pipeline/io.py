@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from calibration import icc
-from calibration.display import SRGB, Display
+from calibration.display import SRGB, Display, decode
 from pipeline.errors import InputError, Problem, fault, storing
 from stages.scale import Lights
 from stages.types import Frame, Measured, Radiance
@@ -329,6 +329,23 @@ def write_exr(
     write_image(path, spec, pixels)
 
 
+def write_rgb(path: Path, pixels, description: str) -> None:
+    """Linear red, green and blue (H, W, 3) in any format of floats that OpenImageIO writes.
+
+    What is below 0 becomes 0 in Radiance's .hdr, whose numbers have no sign.
+    """
+    import OpenImageIO as oiio
+
+    pixels = np.ascontiguousarray(pixels, np.float32)
+    if path.suffix.lower() == ".hdr":
+        pixels = np.maximum(pixels, 0.0)
+    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, "float")
+    spec.attribute("oiio:ColorSpace", "lin")
+    spec.attribute("DateTime", "")
+    spec.attribute("ImageDescription", description)
+    write_image(path, spec, pixels)
+
+
 def write_image(path: Path, spec, pixels) -> None:
     """Writes an image; a place that cannot take it is reported in the system's own words."""
     import OpenImageIO as oiio
@@ -350,13 +367,25 @@ def read_exr(path: Path) -> tuple[np.ndarray, list[str], dict[str, str]]:
 
     InputError where it is none.
     """
+    pixels, names, header, _ = read_image(path, "an OpenEXR file")
+    return pixels, list(names), header
+
+
+def read_image(
+    path: Path, expected: str = "an image that OpenImageIO reads"
+) -> tuple[np.ndarray, tuple[str, ...], dict[str, str], bool]:
+    """Any image: linear pixels (H, W, C) float32, channel names, sixlight's own header, and whether
+    its integers were decoded from sRGB.
+
+    expected  what InputError says was, where it is none
+    """
     import OpenImageIO as oiio
 
     image = oiio.ImageInput.open(str(path))
     if image is None:
         said = oiio.geterror()
         found = "no such file" if not path.exists() else f"not a readable image ({said})"
-        raise fault(found, "an OpenEXR file", "check the path", path)
+        raise fault(found, expected, "check the path", path)
     try:
         spec = image.spec()
         pixels = image.read_image("float")
@@ -367,7 +396,12 @@ def read_exr(path: Path) -> tuple[np.ndarray, list[str], dict[str, str]]:
             for p in spec.extra_attribs
             if p.name.startswith("sixlight:")
         }
-        return pixels.reshape(spec.height, spec.width, -1), list(spec.channelnames), header
+        pixels = pixels.reshape(spec.height, spec.width, -1)
+        encoded = spec.format.basetype not in (oiio.HALF, oiio.FLOAT, oiio.DOUBLE)
+        if encoded:
+            colours = [i for i in range(pixels.shape[-1]) if i != spec.alpha_channel]
+            pixels[..., colours] = decode(pixels[..., colours])
+        return pixels, tuple(spec.channelnames), header, encoded
     finally:
         image.close()
 

@@ -120,10 +120,7 @@ def subtract(radiance: Radiance, dark: Dark, f_number: float) -> Radiance:
     variance = radiance.variance + unit**2 * dark.variance
     mosaic[dead] = variance[dead] = np.nan
     return replace(
-        radiance,
+        radiance.with_defects(dead),
         mosaic=mosaic,
         variance=variance,
-        valid=radiance.valid & ~dead,
-        defective=radiance.defective | dead,
-        moved=radiance.moved & ~dead,
     )

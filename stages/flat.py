@@ -91,11 +91,8 @@ def flatten(radiance: Radiance, of: Response) -> Radiance:
     noise = np.maximum(noise, np.float32(1e-3) * radiance.variance)
     variance = noise / of.values**2 + np.float32(of.residual**2) * mosaic**2
     return replace(
-        radiance,
+        radiance.with_defects(dead),
         mosaic=mosaic,
         variance=variance,
-        valid=radiance.valid & ~dead,
-        defective=radiance.defective | dead,
-        moved=radiance.moved & ~dead,
         prnu=of.residual,
     )

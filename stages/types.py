@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,3 +110,12 @@ class Radiance:
     series: tuple[float, ...] = ()
     prnu: float = 0.0
     transfer: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 4)))
+
+    def with_defects(self, found: NDArray[np.bool_]) -> Radiance:
+        """The same with further pixels (H, W) marked as defective; their values stay."""
+        return replace(
+            self,
+            valid=self.valid & ~found,
+            defective=self.defective | found,
+            moved=self.moved & ~found,
+        )

@@ -419,3 +419,23 @@ def test_browsers_see_the_same_picture(monkeypatch):
     monkeypatch.setattr(shaders, "program", as_browser)
     browser = preview(world, XYZ_FROM_SIX, scene, width=32, height=32)
     np.testing.assert_allclose(browser, desktop, rtol=1e-5)
+
+
+def test_a_lamp_lights_a_matt_ball_up_to_a_sharp_terminator():
+    """On paper: the sky everywhere, and flux cos / pi where the lamp is above the horizon."""
+    world = np.full((6, 64, 64, 3), 0.1, np.float32)
+    world[0, 20, 40] = 3000.0  # towards +X, above and beside
+    lamp = cubes.directions(64)[0, 20, 40]
+    flux = (3000.0 - 0.1) * cubes.solid_angles(64)[20, 40]
+    ball = (sphere(segments=128), material(0.8, channels=3))
+    size, camera = 96, Camera((0.0, 0.0, 40.0), (0.0, 0.0, 0.0), 3.4)
+    options = {"width": size, "height": size, "supersampling": 1}
+    picture = preview(world, np.eye(3), Scene((ball,), camera), **options)
+    d = rays(camera, size, size)
+    along = -(d @ camera.eye)
+    inside = along**2 - (40.0**2 - 1.0)
+    n = camera.eye + (along - np.sqrt(np.maximum(inside, 0)))[..., None] * d
+    expected = 0.8 * (0.1 + flux * np.maximum(n @ lamp, 0) / np.pi)
+    seen = inside > 0.05  # off the outline, where the mesh is a polygon
+    assert (n @ lamp)[seen].min() < -0.3 < 0.3 < (n @ lamp)[seen].max()
+    np.testing.assert_allclose(picture[seen][:, 1], expected[seen], atol=0.01 * expected.max())
