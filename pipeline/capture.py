@@ -277,6 +277,10 @@ def _room(table: Table, sphere: SphereSpec) -> Room | None:
         expected = f"the whole sphere inside size_m {list(size)}"
         table.wrong("sphere_m", repr(list(place)), expected, "correct one of them")
         return None
+    if camera is not None and not all(0.0 <= c <= s for c, s in zip(camera, size, strict=True)):
+        expected = f"a place inside size_m {list(size)}"
+        table.wrong("camera_m", repr(list(camera)), expected, "correct one of them")
+        return None
     if camera is not None and not camera[2] - place[2] > 2.0 * margin:
         expected = f"its third number above {place[2] + 2.0 * margin:g}: z runs to the camera"
         table.wrong("camera_m", repr(list(camera)), expected, "correct it, or leave it out")

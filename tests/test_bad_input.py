@@ -286,6 +286,32 @@ def test_filters_and_camera_in_capture_toml(refused, small, added, line):
     assert refused().splitlines() == [line.format(folder=small)]
 
 
+@pytest.mark.parametrize(
+    ("room", "said"),
+    [
+        ("size_m = [4, 3, 5]", "room.sphere_m is missing (expected [x, y, z] in m)"),
+        ("size_m = [4, 3]\nsphere_m = [2, 1, 2]", "room.size_m is [4, 3]"),
+        (
+            "size_m = [4, 3, 5]\nsphere_m = [2, 3.5, 2]",
+            "room.sphere_m is [2.0, 3.5, 2.0] (expected the whole sphere inside size_m",
+        ),
+        (
+            "size_m = [4, 3, 5]\nsphere_m = [2, 1, 2]\ncamera_m = [2, 1, 5.5]",
+            "room.camera_m is [2.0, 1.0, 5.5] (expected a place inside size_m [4.0, 3.0, 5.0])",
+        ),
+        (
+            "size_m = [4, 3, 5]\nsphere_m = [2, 1, 2]\ncamera_m = [2, 1, 1]",
+            "room.camera_m is [2.0, 1.0, 1.0] (expected its third number above 2.1",
+        ),
+    ],
+    ids=["no sphere", "two numbers", "sphere outside", "camera outside", "camera behind"],
+)
+def test_a_room_that_cannot_be(refused, small, room, said):
+    path = small / "capture.toml"
+    path.write_text(path.read_text() + f"[room]\n{room}\n")
+    refused("capture.toml", said)
+
+
 def test_a_folder_that_holds_something_else_is_left_alone(sixlight, small, tmp_path):
     out = tmp_path / "mine"
     out.mkdir()
