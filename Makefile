@@ -22,6 +22,19 @@ else \
 fi
 endef
 
+# Programs that read what sixlight writes, for the tests in a browser alone.
+NPM_PACKAGES := three@0.187.0 ktx-parse@2.0.0
+
+define CHROMIUM_INSTALL
+if [ "$$(id -u)" = 0 ] && command -v apt-get > /dev/null; then \
+	apt-get update -qq && \
+	DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends chromium > /dev/null; \
+else \
+	echo "There is no Chromium; the tests in a browser are skipped. To install it:"; \
+	echo "    sudo apt-get install chromium"; \
+fi
+endef
+
 .DEFAULT_GOAL := help
 
 help:  ## list the targets
@@ -31,18 +44,25 @@ setup: $(STAMP)  ## virtual environment, the package, OpenGL
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev,plots,simulate]"
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev,simulate]"
 	@$(LIBRARIES_FOUND) || $(LIBRARIES_INSTALL)
+	@$(BIN)/python -m pipeline.compiling
 	@touch $@
 
 envmap: $(STAMP)  ## raw brackets to six-channel cubemaps: CAPTURE=dir [OUT=dir]
 	@$(BIN)/sixlight envmap "$(or $(CAPTURE),$(error say which: make envmap CAPTURE=dir))" $(OUT_OPTION)
+
+batch: $(STAMP)  ## all captures below folders, side by side: DIR="dir ..." [OUT=dir] [JOBS=n]
+	@$(BIN)/sixlight batch $(or $(DIR),$(error say which: make batch DIR=dir)) $(OUT_OPTION) $(if $(JOBS),--jobs $(JOBS))
 
 fit: $(STAMP)  ## M_S from chart photographs and spectra: CALIBRATION=dir [OUT=file]
 	@$(BIN)/sixlight fit "$(or $(CALIBRATION),$(error say which: make fit CALIBRATION=dir))" $(OUT_OPTION)
 
 preview: $(STAMP)  ## render a finished map: ENVMAP=dir
 	@$(BIN)/sixlight preview "$(or $(ENVMAP),$(error say which: make preview ENVMAP=dir))"
+
+view: $(STAMP)  ## a page that renders a finished map live: ENVMAP=dir
+	@$(BIN)/sixlight view "$(or $(ENVMAP),$(error say which: make view ENVMAP=dir))"
 
 tables: $(STAMP)  ## the paper's tables beside ours, and those past it; pictures in build/tables
 	@$(BIN)/sixlight evaluate --pictures build/tables
@@ -62,10 +82,24 @@ bench: $(STAMP)  ## benchmarks, a table and build/bench/NAME.json: [ONLY=name]
 	@$(BIN)/python -m benchmarks $(ONLY)
 
 test: $(STAMP)  ## the tests
-	@$(BIN)/python -m pytest -n auto --dist loadfile -m "not slow"
+	@$(BIN)/python -m pytest -n auto --dist loadfile -m "not slow" --ignore tests/browser
 
 test-slow: $(STAMP)  ## the tests that take long
-	@$(BIN)/python -m pytest -n auto --dist load -m slow
+	@$(BIN)/python -m pytest -n auto --dist load -m slow --ignore tests/browser
+
+test-browser: $(STAMP)  ## the tests in a headless Chromium; screenshots in build/browser
+	@{ command -v chromium || command -v google-chrome; } > /dev/null || $(CHROMIUM_INSTALL)
+	@$(BIN)/python -c "import playwright" 2> /dev/null || \
+		$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[browser]"
+	@test -d build/browser/node_modules/three || ! command -v npm > /dev/null || \
+		npm install --silent --no-save --no-audit --no-fund --prefix build/browser $(NPM_PACKAGES)
+	@$(BIN)/python -m pytest tests/browser
+
+docs: $(STAMP)  ## the documentation as pages, in build/site; a broken link is an error
+	@$(BIN)/python -c "import mkdocs, mkdocstrings" 2> /dev/null || \
+		$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[docs]"
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+	@echo build/site/index.html
 
 lint: $(STAMP)  ## ruff and mypy
 	@$(BIN)/ruff check .
@@ -75,4 +109,4 @@ lint: $(STAMP)  ## ruff and mypy
 clean:  ## remove results and caches, keep the environment
 	rm -rf build dist .mypy_cache .pytest_cache .ruff_cache
 
-.PHONY: help setup envmap fit preview tables figures sample check-sample bench test test-slow lint clean
+.PHONY: help setup envmap batch fit preview view tables figures sample check-sample bench test test-slow test-browser docs lint clean

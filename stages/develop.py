@@ -77,21 +77,19 @@ def pile_up(frame: Frame) -> NDArray[np.float64]:
 
     Per colour, since analogue gains differ. Large frames are judged by some of their rows.
     """
+    from stages.histogram import count_from
+
     edges = np.empty((2, 2))
-    step = max(1, frame.samples.size // 4 // COUNTED)
+    samples = np.ascontiguousarray(frame.samples)
+    step = max(1, samples.size // 4 // COUNTED)
     for colour in np.unique(frame.cfa):
         sites = np.argwhere(frame.cfa == colour)
         black = max(frame.black_level[y, x] for y, x in sites)
         saturation = max(frame.saturation_level[y, x] for y, x in sites)
         floor = int(black + (LOWEST_PILE_UP - 2 * BAND) * (saturation - black))
-        total, high = 0, np.zeros(0, np.int_)
-        for y, x in sites:
-            plane = frame.samples[y :: 2 * step, x::2]
-            total += plane.size
-            above = np.bincount(plane[plane > floor] - np.uint16(floor), minlength=len(high))
-            above[: len(high)] += high
-            high = above
-        edges[frame.cfa == colour] = floor + _heap(high, total, saturation - black)
+        counts = np.zeros(2**16 - floor, np.int64)
+        total = sum(count_from(floor, samples, y, 2 * step, x, counts) for y, x in sites)
+        edges[frame.cfa == colour] = floor + _heap(counts, total, saturation - black)
     return edges
 
 

@@ -21,10 +21,15 @@ SAMPLES = 150_000  # of all pairs; of one at most a third: each bin's variance i
 NARROWEST = 3.0  # raw steps a bin is wide: within one step samples hardly differ
 FEWEST = 100  # differences in a bin, so that its variance is known to 14 %
 TYPICAL_READ_STEPS = 2.0
+FAR = 2.0  # times the median of how far bins are off, in sigmas: .67 if they were normal
 
-SMOOTH = 0.05  # share of the blocks of a picture that may be plain, by which prnu is judged
-FEWEST_BLOCKS = 40
-MOST_PRNU = 0.015  # sensors lie between 0.2 and 1 %; above, it is the picture's texture
+# Where the pixels' response is told from.
+FEWEST_BLOCKS = 40  # plain ones
+GRAINIEST = 0.03  # share of the signal that noise may be: it hides a response of a third of it
+SMOOTH_DEGREE, SHAPE_DEGREE = 3, 7  # of polynomials; between them lies what only texture does
+TEXTURED, PLAIN = 4.0, 2.0  # standard deviations of noise
+TEXTURE_SCATTER = 0.7  # share by which blocks stray from their common spectrum of texture
+LEAST_TEXTURE, MOST_TEXTURE = 0.05, 0.3  # in the rest, of that in a shape; of 0.3 on it is defects
 
 
 @dataclass(frozen=True)
@@ -119,8 +124,11 @@ def _fitted(rows, levels: float, count: int):
     design = np.concatenate([photons[:, used], dark[:, used]], axis=1)
     solved = np.zeros(2 * len(used))
     expected = variance
-    for _ in range(4):  # weights from the model, not from the bins' own scatter about it
+    for _ in range(8):  # weights from the model, not from the bins' own scatter about it
         weight = np.sqrt(n / 2) / np.maximum(expected, 1e-3 * variance.max())
+        off = np.abs(variance - expected) * weight
+        # A bin of an edge or of something that moved counts by how usual it is (Huber 1964).
+        weight *= np.sqrt(np.minimum(1.0, FAR * max(np.median(off), 0.67) / np.maximum(off, 1e-9)))
         solved = np.linalg.lstsq(design * weight[:, None], variance * weight, rcond=None)[0]
         expected = design @ solved
     slope, offset = solved[: len(used)], solved[len(used) :]
@@ -195,36 +203,108 @@ def _clipped_variance(x, signal, step: float) -> tuple[float, int]:
     return float(residual[kept].var()), int(kept.sum())
 
 
+def uncertainty(model: Model, of: int = 0) -> tuple[float, float]:
+    """Standard deviations of gain and read noise, by how the bins scatter about the model.
+
+    of       index of the sensitivity
+    returns  NaN where nothing was measured at it: fewer than three bins, or no photon noise in them
+    """
+    _, signal, variance, expected = model.transfer[model.transfer[:, 0] == of].T
+    if len(signal) < 3:
+        return float("nan"), float("nan")
+    design = np.stack([signal, np.ones_like(signal)], axis=1) / expected[:, None]
+    scatter = np.sum((variance / expected - 1) ** 2) / (len(signal) - 2)
+    gain, square = np.sqrt(np.diag(scatter * np.linalg.pinv(design.T @ design)))
+    return float(gain), float(square / (2 * model.read[of]))
+
+
 def response(blocks: Float, noise: Float) -> float | None:
     """The pixels' unequal response (prnu), a share of the signal; None where nothing shows it.
 
     blocks  (n, b, b) parts of a mosaic of high dynamic range, CFA cells whole; NaN where unknown
     noise   (n, b, b) variance of the noise in them
 
-    In a plain part of the picture a pixel differs from the mean of its four next of the same
-    colour by its noise and its response alone. The scene only adds to that, so the plainest
-    blocks say it. Judged by the SMOOTH-th part of them, set right for what a minimum of many
-    uncertain values is too small by.
+    A block's logarithm is split into three, independent of one another where noise is normal:
+    what anything smooth has (a cubic that the four CFA positions share, and a plane of each), what
+    is finer but still a shape (degrees up to SHAPE_DEGREE, shared), and the rest. In the rest is
+    the noise, which is known, the response, and a little of the scene's texture. How much of that
+    is told by the shapes, which texture fills first and pixels no more than the rest: blocks are
+    chosen and set right by those, and not by the rest itself, the least of which would be too
+    little. The response is the mean of what remains, each block by how well it is known.
     """
-    middle = blocks[:, 2:-2, 2:-2]
-    around = (
-        blocks[:, :-4, 2:-2] + blocks[:, 4:, 2:-2] + blocks[:, 2:-2, :-4] + blocks[:, 2:-2, 4:]
-    ) / 4
-    known = np.isfinite(middle + around).all(axis=(1, 2))
-    middle, around = middle[known].astype(np.float64), around[known].astype(np.float64)
-    mean = middle.mean(axis=(1, 2))
-    # The mean of four differs by a quarter of the variance besides.
-    seen = np.mean((middle - around) ** 2, axis=(1, 2)) / 1.25
-    expected = noise[known][:, 2:-2, 2:-2].mean(axis=(1, 2))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        sure = (mean > 0) & (expected < (MOST_PRNU * mean) ** 2)
-        excess = (seen - expected) / mean**2
-    excess, floor = excess[sure], (expected / mean**2)[sure]
-    if len(excess) < FEWEST_BLOCKS:
+    bases = _Bases.of(blocks.shape[1])
+    values = blocks.reshape(len(blocks), -1).astype(np.float64)
+    variance = noise.reshape(values.shape)
+    known = (values > 0).all(axis=1) & np.isfinite(variance).all(axis=1)  # NaN is not above 0
+    values, variance = values[known], variance[known]
+    clear = np.mean(variance / values**2, axis=1) < GRAINIEST**2
+    if np.count_nonzero(clear) < FEWEST_BLOCKS:
         return None
-    lowest = np.quantile(excess, SMOOTH)
-    # A block of m values knows a variance to sqrt(2 / m) of itself, a little worse as neighbours
-    # share values; the SMOOTH quantile of a normal distribution lies 1.64 of those below.
-    spread = 1.64 * np.sqrt(2.5 / middle[0].size)
-    prnu2 = (lowest + spread * np.median(floor)) / (1 - spread)
-    return None if prnu2 > MOST_PRNU**2 else float(np.sqrt(max(prnu2, 0.0)))
+    logs = np.log(values[clear])
+    smooth, shape = logs @ bases.smooth, logs @ bases.shape
+    fitted = smooth @ bases.smooth.T + shape @ bases.shape.T
+    relative = variance[clear] / np.exp(2 * fitted)  # of the value's estimate, not of itself
+
+    freedom, shapes = bases.left.sum(), bases.shape.shape[1]
+    noise_rest = relative @ bases.left / freedom
+    noise_shape = relative @ np.sum(bases.shape**2, axis=1) / shapes
+    rest = np.sum((logs - fitted) ** 2, axis=1) / freedom - noise_rest
+    seen = np.sum(shape**2, axis=1) / shapes - noise_shape
+
+    plainest = np.argsort(seen)[:FEWEST_BLOCKS]
+    prnu2 = max(float(np.median(rest[plainest])), 0.0)
+    plain = np.zeros(len(seen), np.bool_)
+    for _ in range(30):
+        texture = seen - prnu2
+        spread = np.sqrt(2 / shapes) * (noise_shape + prnu2)
+        spread_rest = np.sqrt(2 / freedom) * (noise_rest + prnu2)
+        textured, plain = texture > TEXTURED * spread, np.abs(texture) < PLAIN * spread
+        share = 0.0
+        if np.count_nonzero(textured) >= FEWEST_BLOCKS:
+            share = float(np.median((rest[textured] - prnu2) / texture[textured]))
+            share = min(max(share, 0.0), MOST_TEXTURE)
+        doubt = TEXTURE_SCATTER * max(share, LEAST_TEXTURE) * np.abs(texture)
+        variances = spread_rest**2 + (share * spread) ** 2 + doubt**2
+        off = rest - share * texture - prnu2
+        weight = (off**2 < 16 * variances) / variances
+        step = np.sum(weight * off) / max(np.sum(weight), 1e-30)
+        before, prnu2 = prnu2, max(prnu2 + float(step), 0.0)
+        if abs(prnu2 - before) < 1e-12:
+            break
+    return None if np.count_nonzero(plain) < FEWEST_BLOCKS else float(np.sqrt(prnu2))
+
+
+@dataclass(frozen=True)
+class _Bases:
+    """Orthonormal functions on a block of b x b samples, two to a CFA cell.
+
+    smooth  (b b, k) a cubic, and a plane of each CFA position
+    shape   (b b, s) the further polynomials up to SHAPE_DEGREE
+    left    (b b,) share of a sample's variance that neither takes
+    """
+
+    smooth: NDArray[np.float64]
+    shape: NDArray[np.float64]
+    left: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, size: int) -> _Bases:
+        legendre = np.polynomial.legendre.legvander(np.linspace(-1, 1, size), SHAPE_DEGREE)
+        y, x = np.indices((size, size))
+        planes = [
+            ((y % 2 == row) & (x % 2 == column)) * np.outer(legendre[:, i], legendre[:, j])
+            for row, column in itertools.product((0, 1), (0, 1))
+            for i, j in ((0, 0), (0, 1), (1, 0))
+        ]
+
+        def of_degrees(lowest: int, highest: int):
+            return [
+                np.outer(legendre[:, i], legendre[:, degree - i])
+                for degree in range(lowest, highest + 1)
+                for i in range(degree + 1)
+            ]
+
+        smooth = planes + of_degrees(2, SMOOTH_DEGREE)
+        functions = smooth + of_degrees(SMOOTH_DEGREE + 1, SHAPE_DEGREE)
+        q = np.linalg.qr(np.stack([f.ravel() for f in functions], axis=1))[0]
+        return cls(q[:, : len(smooth)], q[:, len(smooth) :], 1 - np.sum(q**2, axis=1))

@@ -100,14 +100,20 @@ def scaled(radiance: Radiance, factor: float) -> Radiance:
     )
 
 
-def warnings(scale: Scale, names: Sequence[str]) -> list[str]:
+def warnings(
+    scale: Scale,
+    names: Sequence[str],
+    remedy: str = "use the same shutter times for every filter",
+) -> list[str]:
     """What the photographer should know, a sentence each.
 
-    names  of the brackets' filters, in order
+    names   of the brackets, in order: their filters, or what else they are of
+    remedy  what to do another time
     """
     if scale.doubt < WORTH_A_WARNING:
         return []
+    said = " and ".join(names) if len(names) < 4 else f"{names[0]} and the {len(names) - 1} others"
     return [
-        f"the shutter's true times cannot be told from these brackets: {' and '.join(names)} may"
-        f" differ in scale by {scale.doubt:.1%}; use the same shutter times for every filter"
+        f"the shutter's true times cannot be told from these brackets: {said} may"
+        f" differ in scale by {scale.doubt:.1%}; {remedy}"
     ]

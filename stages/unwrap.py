@@ -7,15 +7,16 @@ rim and tens of pixels along it. At each part the photograph is interpolated bil
 with negative lobes are sharper by a little and wrong by much beside a lamp ten thousand times
 brighter than its wall.)
 
-Two things make it quick. The mirror is worked out exactly at corners of texels, and where it bends
-slowly at every few of them, with cubic interpolation between; parts lie bilinearly between corners.
-And texels are done a tile at a time, each tile with one count of parts, so that its parts are one
-small product of matrices and reading the photograph there is one call of OpenCV's.
+The mirror is worked out exactly at corners of texels, and where it bends slowly at every few of
+them, with cubic interpolation between; parts lie bilinearly between corners. The loops over
+texels and parts are compiled: `stages/footprint.py`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,18 +33,17 @@ _RIM_PX = (1.0, 3.0)
 # Pixels over which the noise of a demosaiced channel is one, for `unwrap`: measured on flat noise
 # through `demosaic`. A plain mean of what a Bayer mosaic samples would have 4 / .58 and 2 / .63.
 BAYER_NOISE_AREA_PX = (6.2, 2.9, 6.2)
+# How much of its noise a texel a pixel and a half wide, as they are by default, has in common
+# between red, green and blue of one photograph, for `transform`: demosaicing makes red and blue
+# with green's help. Measured likewise: .12 and .03 on flat light, .2 and .07 where it changes.
+BAYER_NOISE_CORRELATION = ((1.0, 0.15, 0.05), (0.15, 1.0, 0.15), (0.05, 0.15, 1.0))
 
-_LEAST = 1e-3  # of a texel's weight; with less it is not known
 _CELLS = 512  # along a face, at the least, between whose corners the mirror counts as bilinear ...
 _CELL_PX = 3.5  # ... and the most pixels a cell may have in the middle of the front face
 _KNOTS = 256  # along a face, at the least, between which cubic interpolation is good to 1e-3 px ...
 _POLE_RAD = 0.2  # ... but within this of -Z, where the mirror turns about a point
-_TILE = 64  # cells along a side of a tile; near the rim a quarter of it, as counts change fast
-_PART_PX = 1.15  # the most a part may have: a little over a pixel still reads all of them alike
-_FEW_PARTS = 8  # of a cell: with more, tiles are small and needles are looked for ...
-_NEEDLE_PX = 1.5  # ... cells no wider than that
-_MOST_PARTS = 96  # of a cell's side: a stop for what nobody has, a rim of 10000 px about the camera
-_TAP_PX = 1.5  # a side: what bilinear interpolation draws in, in the mean over positions
+_ROWS = 64  # of cells, that a thread does at a time
+_AT_ONCE = 3  # channels that are read together
 
 
 def default_face_size(sphere: Sphere) -> int:
@@ -82,21 +82,19 @@ def unwrap(
     over the sum of the squared weights, is that of the footprint's shape: see `_moments`.
     """
     cells = _Cells.of(sphere, face_size)
-    tiles = list(cells.tiles())
     channels = [image.values.shape[-1] for image in images]
     cube = (6, face_size, face_size)
     values = np.full((*cube, sum(channels)), np.nan, np.float32)
     variance = np.full_like(values, np.nan)
-    valid = np.zeros(cube, np.float32)
+    valid = np.ones(cube, np.float32)
     first = 0
     for number, image in enumerate(images):
-        view = _View(image, sphere, alignment, number, noise_area_px)
-        columns = slice(first, first + channels[number])
-        for tile in tiles:
-            place = tile.place
-            written = values[(*place, columns)], variance[(*place, columns)]
-            known = view.average(tile, cells.split, *written)
-            valid[place] = known if number == 0 else np.minimum(valid[place], known)
+        area = np.ones(channels[number]) if noise_area_px is None else np.asarray(noise_area_px)
+        view = _View.of(image, sphere, alignment, number)
+        for start in range(0, channels[number], _AT_ONCE):
+            some = slice(start, min(start + _AT_ONCE, channels[number]))
+            into = slice(first + some.start, first + some.stop)
+            view.average(cells, some, area, values[..., into], variance[..., into], valid)
         first += channels[number]
     unknown = valid <= 0.0
     values[unknown] = variance[unknown] = np.nan
@@ -127,117 +125,11 @@ class _Cells:
         corners, hidden = _corners(sphere, size, every)
         return cls(corners, hidden, split)
 
-    def tiles(self) -> Iterator[_Tile]:
-        """Tiles whose cells are much alike; those that are hidden altogether are left out."""
-        size = self.corners.shape[1] - 1
-        whole = max(1, _TILE // self.split) * self.split
-        small = max(1, _TILE // 4 // self.split) * self.split
-        for face in range(6):
-            for y in range(0, size, whole):
-                for x in range(0, size, whole):
-                    tile = self._tile(face, y, x, whole)
-                    if tile is not None and len(tile.parts.u) <= _FEW_PARTS:
-                        yield tile
-                    elif tile is not None:
-                        for v in range(y, min(y + whole, size), small):
-                            for u in range(x, min(x + whole, size), small):
-                                part = self._tile(face, v, u, small)
-                                if part is not None:
-                                    yield part
-
-    def _tile(self, face: int, y: int, x: int, step: int) -> _Tile | None:
-        here = np.s_[face, y : y + step + 1, x : x + step + 1]
-        hidden, corners = self.hidden[here], self.corners[here]
-        blind = None
-        down, across = corners[1:] - corners[:-1], corners[:, 1:] - corners[:, :-1]
-        if hidden.any():
-            if hidden.all():
-                return None
-            # Between hidden corners lies the rim's other side, or nothing.
-            down[hidden[1:] & hidden[:-1]] = 0.0
-            across[hidden[:, 1:] & hidden[:, :-1]] = 0.0
-            blind = hidden[1:, 1:] & hidden[1:, :-1] & hidden[:-1, 1:] & hidden[:-1, :-1]
-        h, w = (n // self.split for n in (len(down), across.shape[1]))
-        top, left = y // self.split, x // self.split
-        place = face, slice(top, top + h), slice(left, left + w)
-        return _Tile(place, corners, blind, _Parts.of(across, down))
-
-
-@dataclass(frozen=True)
-class _Parts:
-    """The places a cell is read at: u to the right and v down, in [0, 1], and their weights.
-
-    side  how many lie along a cell's side, across and down
-    """
-
-    u: Float
-    v: Float
-    weight: Float
-    side: tuple[float, float]
-    half: _Parts | None = None
-
-    @classmethod
-    def of(cls, across: Float, down: Float) -> _Parts:
-        """As many as a tile's cells need, given their sides in px, for no pixel to be missed.
-
-        Near the rim a cell is a needle: long, less than a pixel wide, and slanting. Places in a
-        row along it are enough, each with the weight of the cell's width there.
-        """
-        columns, rows = (
-            max(1, int(np.ceil(np.sqrt((d[..., 0] ** 2 + d[..., 1] ** 2).max()) / _PART_PX)))
-            for d in (across, down)
-        )
-        if rows * columns > _FEW_PARTS:
-            i, j = across[:-1].reshape(-1, 2), down[:, :-1].reshape(-1, 2)
-            xx, xy, yy = (float((p * q).sum()) for p, q in ((i, i), (i, j), (j, j)))
-            angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)  # of the long axis, in u and v
-            along = np.array([np.cos(angle), np.sin(angle)])
-            length = float(np.linalg.norm(i * along[0] + j * along[1], axis=-1).max())
-            width = float(np.linalg.norm(j * along[0] - i * along[1], axis=-1).max())
-            count = int(np.ceil(length * np.abs(along).sum() / _PART_PX))
-            if width < _NEEDLE_PX and count < rows * columns:
-                return cls._row(along, count, cls._row(along, -(-count // 2)))
-        half = cls._grid(min(-(-rows // 2), _MOST_PARTS), min(-(-columns // 2), _MOST_PARTS))
-        return cls._grid(min(rows, _MOST_PARTS), min(columns, _MOST_PARTS), half)
-
-    @classmethod
-    def _grid(cls, rows: int, columns: int, half: _Parts | None = None) -> _Parts:
-        v, u = ((np.arange(n, dtype=np.float32) + np.float32(0.5)) / n for n in (rows, columns))
-        count = rows * columns
-        weight = np.full(count, 1.0 / count, np.float32)
-        return cls(np.tile(u, rows), np.repeat(v, columns), weight, (columns, rows), half)
-
-    @classmethod
-    def _row(cls, along: Array, count: int, half: _Parts | None = None) -> _Parts:
-        extent = np.abs(along).sum()
-        t = ((np.arange(count) + 0.5) / count - 0.5) * extent
-        # How wide the unit square is across the row at t: level in its middle, then down to 0.
-        level = 0.5 * np.abs(np.abs(along[0]) - np.abs(along[1]))
-        weight = np.clip((0.5 * extent - np.abs(t)) / max(0.5 * extent - level, 1e-9), 0.0, 1.0)
-        # Where the row leaves the square, the nearest place in it.
-        u, v = (np.clip(0.5 + t * a, 0.0, 1.0).astype(np.float32) for a in along)
-        weight = (weight / weight.sum()).astype(np.float32)
-        return cls(u, v, weight, (np.inf, np.inf), half)
-
-
-@dataclass(frozen=True)
-class _Tile:
-    """Cells that are read alike.
-
-    place    of their texels in the cubemap
-    corners  (n + 1, m + 1, 2) of the cells, px in the first image
-    blind    (n, m) bool, cells of which nothing can be seen; None where there is none
-    parts    the places each is read at
-    """
-
-    place: tuple[int, slice, slice]  # face, rows, columns
-    corners: Float
-    blind: NDArray[np.bool_] | None
-    parts: _Parts
-
 
 def _corners(sphere: Sphere, size: int, every: int) -> tuple[Float, NDArray[np.bool_]]:
     """px (6, size + 1, size + 1, 2) of the cells' corners, and which of them are hidden."""
+    from stages.footprint import between
+
     edge = np.linspace(-1.0, 1.0, size + 1)
     if every == 1:
         exact, seen = sphere.pixel_of(face_directions(edge[None, :], edge[:, None]))
@@ -245,9 +137,11 @@ def _corners(sphere: Sphere, size: int, every: int) -> tuple[Float, NDArray[np.b
     step = 2.0 * every / size
     knots = np.arange(-1, size // every + 2) * step - 1.0
     at_knots, seen = sphere.pixel_of(face_directions(knots[None, :], knots[:, None]))
-    along = _between(np.moveaxis(at_knots.astype(np.float32), 2, 0), every)
-    both = _between(np.moveaxis(along, 2, 0), every)  # (row, column, face, 2)
-    corners: Float = np.ascontiguousarray(np.transpose(both, (2, 0, 1, 3)))
+    corners = np.empty((6, size + 1, size + 1, 2), np.float32)
+    _in_threads(
+        lambda face, first, last: between(at_knots[face], every, corners[face], first, last),
+        size + 1,
+    )
     nearest = np.rint(np.arange(size + 1) / every).astype(int) + 1
     hidden = ~seen[:, nearest[:, None], nearest]
     # Near the pole exactly.
@@ -266,25 +160,12 @@ def _corners(sphere: Sphere, size: int, every: int) -> tuple[Float, NDArray[np.b
     return corners, hidden
 
 
-def _between(knots: Float, every: int) -> Float:
-    """Catmull and Rom's cubic through knots along the first axis, `every` steps from one to next.
-
-    knots    (n + 3, ...), one beyond either end
-    returns  (n * every + 1, ...)
-    """
-    n = len(knots) - 3
-    out = np.empty((n * every + 1, *knots.shape[1:]), np.float32)
-    out[::every] = knots[1:-1]
-    for k in range(1, every):
-        t = k / every
-        weights = (
-            t * (-0.5 + t * (1.0 - 0.5 * t)),
-            1.0 + t * t * (1.5 * t - 2.5),
-            t * (0.5 + t * (2.0 - 1.5 * t)),
-            t * t * (0.5 * t - 0.5),
-        )
-        out[k::every] = sum(np.float32(w) * knots[i : i + n] for i, w in enumerate(weights))
-    return out
+def _in_threads(work: Callable[[int, int, int], object], rows: int, faces: int = 6) -> None:
+    """work(face, first, last) for all rows of all faces, in threads; errors are raised."""
+    parts = ((f, y, min(y + _ROWS, rows)) for f in range(faces) for y in range(0, rows, _ROWS))
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        for _ in pool.map(lambda part: work(*part), parts):
+            pass
 
 
 def _near_rim(sphere: Sphere, x: Array, y: Array, to_first) -> tuple[NDArray[np.bool_], Float]:
@@ -311,179 +192,83 @@ def _near_rim(sphere: Sphere, x: Array, y: Array, to_first) -> tuple[NDArray[np.
     return near, (ramp**2 * (3.0 - 2.0 * ramp)).astype(np.float32)
 
 
+@dataclass(frozen=True)
 class _View:
-    """One filter's image about the sphere, its pixels weighted by how well they are known."""
+    """One filter's image about the sphere.
 
-    def __init__(
-        self,
-        image: Measured,
-        sphere: Sphere,
-        alignment: Alignment,
-        number: int,
-        noise_area_px: Sequence[float] | None,
-    ):
+    weight    (h, w) how well its pixels are known, from that at `origin` on
+    origin    x, y, whole px
+    to_image  (2, 3) from the first image's px to those from the middle of the weights' first pixel
+    """
+
+    image: Measured
+    weight: Float
+    origin: tuple[int, int]
+    to_image: Array
+
+    @classmethod
+    def of(cls, image: Measured, sphere: Sphere, alignment: Alignment, number: int) -> _View:
         height, width = image.valid.shape
-        self._alignment, self._number = alignment, number
         rim = alignment.to_image(number, sphere.outline())
         # The rim lies in the frame; only another filter's shift may carry it past an edge.
-        x0, y0 = np.maximum(np.floor(rim.min(axis=0)).astype(int) - 1, 0)
-        x1, y1 = np.minimum(np.ceil(rim.max(axis=0)).astype(int) + 1, (width, height))
-        values, variance = image.values[y0:y1, x0:x1], image.variance[y0:y1, x0:x1]
+        x0, y0 = (int(v) for v in np.maximum(np.floor(rim.min(axis=0)) - 1, 0))
+        x1, y1 = (int(v) for v in np.minimum(np.ceil(rim.max(axis=0)) + 1, (width, height)))
         weight = image.valid[y0:y1, x0:x1].astype(np.float32)
         near, ramp = _near_rim(
             sphere,
-            np.arange(x0, x1) + 0.5,
-            np.arange(y0, y1) + 0.5,
+            np.arange(x0, x1, dtype=np.float64) + 0.5,
+            np.arange(y0, y1, dtype=np.float64) + 0.5,
             lambda p: alignment.to_first(number, p),
         )
         weight[near] *= ramp
-        ones = np.ones(values.shape[-1], np.float32)
-        weight[~np.isfinite(values @ ones + variance @ ones)] = 0.0
-        self._origin = np.array([x0 + 0.5, y0 + 0.5], np.float32)
-        s = ones if noise_area_px is None else np.asarray(noise_area_px, np.float32)
-        self._noise_area = [float(area) for area in s]
-        self._values = _layers(values, weight)
-        self._variance = _layers(variance, weight * weight)
+        origin, *units = alignment.to_image(number, np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)]))
+        to_image = np.column_stack([*(u - origin for u in units), origin - (x0 + 0.5, y0 + 0.5)])
+        return cls(image, weight, (x0, y0), to_image)
 
-    def average(self, tile: _Tile, split: int, values: Float, variance: Float) -> Float:
-        """Weighted means of the image over the texels of a tile.
+    def average(
+        self,
+        cells: _Cells,
+        channels: slice,
+        noise_area_px: NDArray,
+        values: Float,
+        variance: Float,
+        valid: Float,
+    ) -> None:
+        """Writes the means of up to three channels over all texels, and lowers `valid`."""
+        from stages import footprint
 
-        split             cells along a texel's side
-        values, variance  (n, m, C), to be written to
-        returns           (n, m) share that is known
-        """
-        moved = self._alignment.to_image(self._number, tile.corners)
-        at: Float = (moved - self._origin).astype(np.float32)
-        read = _read(self._values, at, tile.parts, tile.blind, split)
-        # Variance is as rough as the light and no rougher: parts of two pixels will do for it.
-        spread = _read(self._variance, at, tile.parts.half or tile.parts, tile.blind, split)
-        known, squares = read[..., -1].copy(), spread[..., -1]
-        whole = bool(known.min() > 1.0 - 1e-6)
-        if not whole:
-            unknown = known <= _LEAST
-            known = np.where(unknown, np.float32(np.nan), known)
-            read /= known[..., None]
-            squares = np.maximum(squares, np.float32(1e-12))
-        moments = _moments(at[::split, ::split], *(n * split for n in tile.parts.side))
-        factors: dict[float, Float] = {}
-        for c, s in enumerate(self._noise_area):
-            values[..., c] = read[..., c]
-            if s not in factors:
-                drawn = _drawn(moments, s)
-                if whole:
-                    factors[s] = s / drawn
-                else:
-                    # Of a footprint known in part, less is drawn in.
-                    part = (drawn - s + 1.0) * known**2 / squares
-                    drawn = s - 1.0 + np.maximum(part, _row_drawn(moments))
-                    factors[s] = s / drawn / squares
-            np.multiply(spread[..., c], factors[s], out=variance[..., c])
-        return np.ones_like(known) if whole else np.where(unknown, 0.0, np.minimum(known, 1.0))
+        def three(image: Float) -> Float:
+            some = image[..., channels]
+            lacking = _AT_ONCE - some.shape[-1]
+            return np.pad(some, ((0, 0), (0, 0), (0, lacking))) if lacking else some
 
+        (x, y), (h, w) = self.origin, self.weight.shape
+        layers = np.empty((h * w, 8), np.float32)
+        image, spread = three(self.image.values), three(self.image.variance)
+        _in_threads(
+            lambda _, a, b: footprint.layered(image, spread, self.weight, y, x, a, b, layers), h, 1
+        )
+        count = values.shape[-1]
+        area = tuple(np.float32(s) for s in np.resize(noise_area_px[channels], _AT_ONCE))
+        to_image = tuple(tuple(np.float32(v) for v in row) for row in self.to_image)
 
-def _read(layers: list[Float], at: Float, parts: _Parts, blind, split: int) -> Float:
-    """Means (n, m, C + 1) over texels of layers (h, w, <= 4).
+        def rows(face: int, first: int, last: int) -> None:
+            hidden = cells.hidden[face]
+            footprint.average(
+                cells.corners[face],
+                hidden,
+                bool(hidden.any()),
+                cells.split,
+                first,
+                last,
+                to_image,
+                layers,
+                (h, w),
+                area,
+                count,
+                values[face],
+                variance[face],
+                valid[face],
+            )
 
-    at     (n split + 1, m split + 1, 2) px of the cells' corners
-    blind  (n split, m split) bool, cells that show nothing, or None
-    """
-    import cv2
-
-    h, w = at.shape[0] - 1, at.shape[1] - 1
-    u, v = parts.u, parts.v
-    share = np.stack([(1 - v) * (1 - u), (1 - v) * u, v * (1 - u), v * u], axis=-1)
-    x, y = (
-        share
-        @ np.stack([a[:-1, :-1].ravel(), a[:-1, 1:].ravel(), a[1:, :-1].ravel(), a[1:, 1:].ravel()])
-        for a in (at[..., 0], at[..., 1])
-    )
-    means = []
-    for layer in layers:
-        read = cv2.remap(layer, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
-        mean = read[0] if len(u) == 1 else parts.weight @ read.reshape(len(u), -1)
-        means.append(mean.reshape(h, w, -1))
-    texels = means[0] if len(means) == 1 else np.concatenate(means, axis=-1)
-    if blind is not None:
-        texels[blind] = 0.0
-    if split > 1:
-        # One side after the other: long sums of float32 lose digits.
-        c = texels.shape[-1]
-        texels = texels.reshape(h, w // split, split, c).mean(axis=2)
-        texels = texels.reshape(h // split, split, w // split, c).mean(axis=1)
-    return np.asarray(texels)
-
-
-def _layers(values: Float, weight: Float) -> list[Float]:
-    """Values (h, w, C) times their weight (h, w), then the weight itself, by up to four channels.
-
-    OpenCV reads four channels in hardly more time than one.
-    """
-    import cv2
-
-    h, w, channels = values.shape
-    partly = weight != 1.0
-    factor = weight[partly][:, None]
-    layers = []
-    for start in range(0, channels + 1, 4):
-        some = [np.ascontiguousarray(values[..., start : start + 4])] if start < channels else []
-        if channels < start + 4:
-            some.append(np.ones((h, w, 1), np.float32))
-        layer: Float = np.asarray(cv2.merge(some), np.float32).reshape(h, w, -1)
-        layer[partly] = np.where(factor > 0.0, layer[partly] * factor, np.float32(0.0))
-        layers.append(layer)
-    return layers
-
-
-def _moments(corners: Float, columns: float, rows: float) -> tuple[Float, Float, Float]:
-    """Of texels' footprints (n, m), times 12: second moments xx, yy and xy, px^2.
-
-    corners        (n + 1, m + 1, 2) px of the texels' corners
-    columns, rows  parts along a texel's side
-
-    So a side of s px has s^2. Bilinear interpolation adds 1.5^2 in the mean: over many positions
-    it draws in 1.5 px, one over the mean sum of its squared weights. A texel that is read but once
-    has its own: 1 / (f^2 + (1 - f)^2) at the fraction f between two pixels.
-    """
-    across, down = corners[1:, 1:] - corners[1:, :-1], corners[1:, 1:] - corners[:-1, 1:]
-    ax, ay = across[..., 0], across[..., 1]
-    dx, dy = down[..., 0], down[..., 1]
-    many, many_down = np.float32(1.0 - 1.0 / columns**2), np.float32(1.0 - 1.0 / rows**2)
-    xx, yy = many * ax * ax + many_down * dx * dx, many * ay * ay + many_down * dy * dy
-    xy = many * ax * ay + many_down * dx * dy
-    for axis, squares in enumerate((xx, yy)):
-        tap = np.float32(_TAP_PX**2)
-        if columns * rows > 1 and squares.min() >= 1.0:
-            squares += tap
-            continue
-        middle = 0.5 * (corners[:-1, :-1, axis] + corners[1:, 1:, axis])
-        f = middle - np.floor(middle)
-        alone = 1.0 / (1.0 - 2.0 * f * (1.0 - f)) ** 2
-        squares += tap + (alone - tap) * np.maximum(np.float32(1.0) - squares, np.float32(0.0))
-    return xx, yy, xy
-
-
-def _drawn(moments: tuple[Float, Float, Float], noise_area_px: float) -> Float:
-    """S - 1 + A (n, m): see `unwrap`. A footprint's area is the root of its moments' determinant.
-
-    Noise that S pixels have in common widens the footprint by S - 1 px^2 both ways: a long and
-    narrow texel gains more by it than a square one.
-    """
-    xx, yy, xy = moments
-    more = np.float32(noise_area_px - 1.0)
-    drawn: Float = np.sqrt(np.maximum((xx + more) * (yy + more) - xy * xy, noise_area_px**2))
-    return drawn
-
-
-def _row_drawn(moments: tuple[Float, Float, Float]) -> Float:
-    """The least A (n, m) of footprints known in part: that of a single row of pixels.
-
-    Along the rim texels are needles, and those at its very edge are known by how far interpolation
-    reaches back inside: one row of pixels across, but all of them along. Over the steps of the
-    row that reach runs from 0 to 1, which draws in 3/4 (its mean squared over its mean square).
-    1 for wider ones.
-    """
-    xx, yy, xy = moments
-    middle, half = 0.5 * (xx + yy), np.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
-    needle = middle - half < _NEEDLE_PX**2 + _TAP_PX**2
-    row: Float = np.where(needle, np.maximum(0.75 * np.sqrt(middle + half), 1.0), 1.0)
-    return row
+        _in_threads(rows, valid.shape[1])

@@ -264,6 +264,47 @@ def test_hot_and_dead_pixels_are_marked_and_nothing_else():
     assert not result.lost.any()
 
 
+@pytest.mark.parametrize("along", [(0, 1), (1, 0)], ids=["across", "down"])
+def test_two_hot_pixels_beside_each_other_are_found(along):
+    rng = np.random.default_rng(15)
+    world = rolling(rng, (320, 400))
+    first = np.zeros(world.shape, bool)
+    first[10:-10:32, 10:-10:33] = True
+    dark = np.zeros(world.shape)
+    for one in (first, np.roll(first, along, axis=(0, 1))):
+        dark[one] = world[one] * rng.uniform(1, 5, one.sum())
+    found = merge(shoot(world, rng, dark=dark)).defective
+    assert found[dark > 0].mean() > 0.95
+    assert not found[dark == 0].any()
+
+
+def test_weak_hot_pixels_are_found_and_texture_is_left_alone():
+    import cv2
+
+    rng = np.random.default_rng(16)
+    texture = cv2.GaussianBlur(rng.normal(0, 1, (400, 400)), (0, 0), 0.8)  # a sharp lens
+    hot = rng.random(texture.shape) < 1e-3
+    hot[:2] = hot[-2:] = hot[:, :2] = hot[:, -2:] = False
+    smooth = merge(shoot(np.where(hot, 1.2, 1.0), rng))  # by a fifth, some thirty sigmas
+    assert smooth.defective[hot].mean() > 0.95
+    assert smooth.defective[~hot].mean() < 1e-4
+    world = np.exp(0.3 * texture)
+    result = merge(shoot(np.where(hot, 1.5 * world, world), rng))
+    assert result.defective[~hot].mean() < 1e-4
+
+
+def test_a_glint_between_two_pixels_is_not_a_pair_of_hot_ones():
+    import cv2
+
+    rng = np.random.default_rng(17)
+    fine = np.zeros((480, 480))
+    fine[42::80, 40::80] = 3000.0  # on the border of two pixels, an eighth of one about it
+    fine[80::80, 80::80] = 3000.0
+    glints = cv2.GaussianBlur(fine, (0, 0), 0.5 * 8).reshape(60, 8, 60, 8).mean(axis=(1, 3))
+    assert glints.max() > 5
+    assert not merge(shoot(0.3 + glints, rng)).defective.any()
+
+
 def test_a_glint_is_not_a_hot_pixel():
     import cv2
 
@@ -291,6 +332,37 @@ def test_a_black_single_photograph_is_refused():
     rng = np.random.default_rng(11)
     with pytest.raises(InputError, match="expose longer"):
         merge([expose(np.zeros((60, 80)), 1.0, 1.0, rng)])
+
+
+@pytest.mark.parametrize("size", [(5, 40), (40, 5), (2, 2)])
+def test_a_picture_of_hardly_any_samples_is_refused(size):
+    with pytest.raises(InputError, match="at least 6 x 6"):
+        merge(shoot(np.full(size, 0.4), np.random.default_rng(12)))
+
+
+def test_a_picture_of_six_by_six_samples_is_merged():
+    result = merge([frame(np.full((6, 6), 0.4 * t), t) for t in (0.25, 1.0)])
+    np.testing.assert_allclose(result.mosaic, 0.4, rtol=1e-4)
+
+
+def test_samples_beside_saturated_ones_count_where_the_light_is_surely_below():
+    """A slope so steep that all near the limit have a saturated neighbour."""
+    rng = np.random.default_rng(14)
+    y, x = np.mgrid[:400, :400]
+    world = np.geomspace(0.5, 12, 400)[(x + 3 * y) % 400]
+    world[:, ::50] *= 2.0  # not smooth all over
+    result = merge(shoot(world, rng, times=TIMES[3:], tags=TAGS[3:], electrons=40000.0))
+    signal = world[..., None] * np.array(TIMES[3:])
+    error = result.mosaic / world - 1
+    noise = signal / 40000 + (READ / 40000) ** 2 + 1 / LEVELS**2 / 12
+    smooth = (x % 50 > 4) & (x % 50 < 46) & ((x + 3 * y) % 400 > 8) & ((x + 3 * y) % 400 < 392)
+    for low, high in ((0.85, 0.9), (0.9, 0.93), (0.93, 0.96), (0.96, 0.985)):
+        near = ((signal > low) & (signal < high)).any(axis=-1) & smooth
+        assert abs(error[near].mean()) < 1e-3 + 4 * error[near].std() / np.sqrt(near.sum())
+        information = np.where(signal < 0.985, np.array(TIMES[3:]) ** 2 / noise, 0).sum(axis=-1)
+        over = np.mean((result.mosaic - world)[near] ** 2 * information[near])
+        if high <= 0.9:  # the rule that dropped all of them came to four times the bound
+            assert over < 1.1
 
 
 def test_a_bracket_that_saturates_throughout_is_refused():
@@ -478,3 +550,24 @@ def test_unequal_response_is_measured_and_told():
     assert result.prnu == pytest.approx(0.006, rel=0.1)
     seen = np.var(result.mosaic / world - 1)
     assert np.mean(result.variance / world**2) == pytest.approx(seen, rel=0.15)
+
+
+@pytest.mark.parametrize(("threads", "band"), [(1, 16), (3, 30), (4, 1000)])
+def test_neither_threads_nor_bands_change_anything(threads, band, monkeypatch):
+    rng = np.random.default_rng(27)
+    world = rolling(rng)
+    world[50:60, 60:80] = 1e5
+    frames = shoot(world, rng)
+    frames[4].samples[20:40, 30:60] //= 2  # something moved
+    frames[3].samples[::31, ::17] += 5000  # particles
+    for one in frames:
+        one.samples[63:140:8, 100:180:9] = BLACK + 9000  # stuck
+    once = merge(frames)
+    monkeypatch.setattr(merging, "workers", lambda: threads)
+    monkeypatch.setattr(merging, "BAND", band)
+    again = merge(frames)
+    assert once.moved.any()
+    assert once.defective.any()
+    for name in ("mosaic", "variance", "valid", "lost", "defective", "moved"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(once, name), name)
+    assert again.clipped == once.clipped

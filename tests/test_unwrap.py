@@ -1,15 +1,21 @@
 """Worlds known as functions of direction, photographed by the tracer, come back as cubemaps."""
 
+import cv2
 import numpy as np
 import pytest
 from sphere_tracer import Camera, photograph, smooth_world
 
 from stages.align import Alignment
-from stages.cube import directions
+from stages.cube import directions, face_directions
 from stages.demosaic import demosaic
 from stages.mirror import Sphere
 from stages.types import Measured, Radiance
-from stages.unwrap import BAYER_NOISE_AREA_PX, default_face_size, unwrap
+from stages.unwrap import (
+    BAYER_NOISE_AREA_PX,
+    BAYER_NOISE_CORRELATION,
+    default_face_size,
+    unwrap,
+)
 
 CAMERA = Camera.seeing(178.3, 149.6, 130.0, 310, 330, distance=900.0)
 SPHERE = Sphere(CAMERA.centre, CAMERA.radius, CAMERA.focal_px, (165.0, 155.0))
@@ -116,6 +122,45 @@ def test_a_filter_is_read_where_its_image_lies():
     assert np.percentile(np.abs(ratio - 1.0), 95) < 2e-3
 
 
+def bilinear(image, x, y):
+    """Values (..., C) of an image (H, W, C) between its pixels' middles."""
+    column, row = np.floor(x - 0.5).astype(int), np.floor(y - 0.5).astype(int)
+    fx, fy = (x - 0.5 - column)[..., None], (y - 0.5 - row)[..., None]
+    top = image[row, column] * (1 - fx) + image[row, column + 1] * fx
+    bottom = image[row + 1, column] * (1 - fx) + image[row + 1, column + 1] * fx
+    return top * (1 - fy) + bottom * fy
+
+
+def test_the_compiled_loops_give_what_plain_sums_over_each_texels_area_give():
+    # 32 x 32 places a texel, the mirror exact at each; the photograph is noise, blurred by a pixel.
+    rng = np.random.default_rng(9)
+    noise = rng.normal(size=(310, 330, 2)).astype(np.float32)
+    image = cv2.GaussianBlur(noise, (0, 0), 1.0)
+    shift = np.array([(0.3, -0.6)])
+    cube = unwrap(
+        [measured(image)], SPHERE, Alignment(shift, np.ones(1), np.zeros(1)), face_size=16
+    )
+    fine = (np.arange(16 * 32) + 0.5) / (16 * 16) - 1.0
+    pixel, seen = SPHERE.pixel_of(face_directions(fine[None, :], fine[:, None]))
+    read = bilinear(image, *np.moveaxis(pixel + shift[0], -1, 0))
+    read[~seen] = np.nan
+    plain = read.reshape(6, 16, 32, 16, 32, 2).mean(axis=(2, 4))
+    whole = cube.valid > 1 - 1e-6
+    assert whole.mean() > 0.9
+    error = np.abs(cube.values - plain)[whole].max()
+    assert error < 0.02 * image.std()
+
+
+def test_the_number_of_threads_changes_nothing(monkeypatch):
+    image = measured(photograph(CAMERA, smooth_world(4, channels=4), samples=1), 1e-4)
+    cubes = []
+    for threads in (1, 5):
+        monkeypatch.setattr("os.cpu_count", lambda threads=threads: threads)
+        cubes.append(unwrap([image], SPHERE, STILL, face_size=32, noise_area_px=(6.2, 2.9, 6.2, 1)))
+    for one, other in zip(*(vars(c).values() for c in cubes), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
 def test_the_variance_is_the_spread_of_noisy_repeats():
     rng = np.random.default_rng(7)
     clean = np.ones((310, 330, 24), np.float32)  # 24 repeats, one a channel
@@ -132,26 +177,30 @@ def test_the_variance_is_the_spread_of_noisy_repeats():
         assert np.mean(spread[ring] / stated[ring]) == pytest.approx(1.0, abs=0.06)
 
 
+def flat_mosaic(rng, sigma):
+    """A merged mosaic of even light 1 and noise sigma."""
+    flat = np.ones((310, 330), np.float32)
+    return Radiance(
+        mosaic=flat + rng.normal(size=flat.shape).astype(np.float32) * sigma,
+        variance=flat * sigma**2,
+        valid=flat > 0,
+        cfa=np.array([[0, 1], [1, 2]]),
+        tagged=(1.0,),
+        solved=(1.0,),
+        noise=np.array([[0.0, sigma]]),
+        clipped=(0.0,),
+        lost=flat < 0,
+        defective=flat < 0,
+        moved=flat < 0,
+        at_least=np.full((2, 2), 1.0),
+    )
+
+
 def test_the_variance_knows_what_demosaicing_shares_between_pixels():
     rng = np.random.default_rng(8)
-    sigma, flat = 0.01, np.ones((310, 330), np.float32)
     cubes = []
     for _ in range(8):
-        mosaic = Radiance(
-            mosaic=flat + rng.normal(size=flat.shape).astype(np.float32) * sigma,
-            variance=flat * sigma**2,
-            valid=flat > 0,
-            cfa=np.array([[0, 1], [1, 2]]),
-            tagged=(1.0,),
-            solved=(1.0,),
-            noise=np.array([[0.0, sigma]]),
-            clipped=(0.0,),
-            lost=flat < 0,
-            defective=flat < 0,
-            moved=flat < 0,
-            at_least=np.full((2, 2), 1.0),
-        )
-        image = demosaic(mosaic)
+        image = demosaic(flat_mosaic(rng, 0.01))
         cubes.append(
             unwrap([image], SPHERE, STILL, face_size=32, noise_area_px=BAYER_NOISE_AREA_PX)
         )
@@ -163,6 +212,17 @@ def test_the_variance_knows_what_demosaicing_shares_between_pixels():
         ratio = spread[ring].mean(axis=0) / stated[ring].mean(axis=0)
         # If noise were taken as independent, the spread would be 1.3 to 2.3 times the stated.
         np.testing.assert_allclose(np.sqrt(ratio), 1.0, atol=0.12)
+
+
+def test_colours_of_a_texel_share_as_much_noise_as_is_said():
+    rng = np.random.default_rng(10)
+    noise = []
+    for _ in range(4):
+        image = demosaic(flat_mosaic(rng, 0.01))
+        noise.append(unwrap([image], SPHERE, STILL, face_size=88).values - 1.0)
+    noise = np.array(noise)[:, angle_from_camera(88) < 140.0].reshape(-1, 3)
+    # A texel in front is a pixel and a half wide here, as it is by default.
+    np.testing.assert_allclose(np.corrcoef(noise.T), BAYER_NOISE_CORRELATION, atol=0.05)
 
 
 def test_the_default_face_is_a_power_of_two_near_a_third_of_the_diameter():
