@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.errors import InputError, Problem, fault
+from calibration.errors import InputError, Problem, fault, read_text
 
 COLORCHECKER24, COLORCHECKER_SG = "colorchecker24", "colorchecker-sg"
 
@@ -227,7 +227,9 @@ def read_boxes(path: str | Path, names: Sequence[str] = PATCHES) -> Patches:
     if not path.is_file():
         raise fault("no such file", "patch,x0,y0,x1,y1", "correct the path", path)
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        lines = read_text(path, "a CSV of boxes").splitlines()
+    except InputError as error:
+        raise error.at(path) from None
     except UnicodeDecodeError:
         raise fault("not UTF-8", "UTF-8 text", "save the file as CSV UTF-8", path) from None
     rows = [[cell.strip() for cell in line.split(",")] for line in lines]

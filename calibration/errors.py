@@ -26,7 +26,36 @@ class Problem:
         where = f"{self.file}: " if self.file is not None else ""
         expected = f" (expected {self.expected})" if self.expected else ""
         line = f"{where}{self.found}{expected}; {self.remedy}"
-        return " ".join(line.split())  # one line, whatever a file's text contained
+        return legible(" ".join(line.split()))  # one line, whatever a file's text contained
+
+
+_MOST_TEXT_BYTES = 64 << 20  # of a table; finely sampled spectra by the hundred take a tenth
+
+
+def read_text(path: Path, expected: str) -> str:
+    """A text file of the user's, UTF-8 with or without a mark; not one of gigabytes.
+
+    raises  InputError that names no file; UnicodeDecodeError
+    """
+    size = path.stat().st_size
+    if size > _MOST_TEXT_BYTES:
+        raise fault(
+            f"{size / 1e6:.0f} MB of text", f"{expected} of less than 64 MB", "check the file"
+        )
+    try:
+        return path.read_text(encoding="utf-8-sig")  # spreadsheets write a byte order mark
+    except OSError as error:
+        found = (error.strerror or "cannot be read").lower()
+        raise fault(found, expected, "correct its permissions, or the path") from None
+
+
+def legible(text: str) -> str:
+    """Text as a terminal may be given it, whoever chose it: names of files, what files say.
+
+    Control characters, those that turn the direction of writing, and bytes that are no text are
+    written as escapes; letters of every script stay as they are.
+    """
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 class InputError(ValueError):

@@ -9,6 +9,8 @@ below 0 a little, and that is kept: clipping would change the six values.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -47,6 +49,19 @@ def rms_error(primaries: Primaries, kind: str = "light") -> float:
     return float(np.sqrt(np.trace(lost @ expected @ lost.T) / np.trace(expected)))
 
 
+def deviation(primaries: Primaries, kind: str = "light") -> NDArray[np.float64]:
+    """How far off the estimate is at each wavelength (36,), for a spectrum whose rms is 1.
+
+    The standard deviation over the spectra it is made from of what six numbers do not say; noise
+    of the numbers comes on top, through `spectra_from_primaries`.
+    """
+    expected = second_moment(kind)
+    lost = np.eye(len(expected)) - spectra_from_primaries(primaries, kind) @ primaries.curves.T
+    variance = np.diag(lost @ expected @ lost.T) / (np.trace(expected) / len(expected))
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+
+@cache
 def second_moment(kind: str) -> NDArray[np.float64]:
     """E[s s'] (36, 36) of the spectra expected.
 
@@ -61,4 +76,6 @@ def second_moment(kind: str) -> NDArray[np.float64]:
         lights = lights / np.sqrt(np.mean(lights**2, axis=0))
         moment = moment * (lights @ lights.T / lights.shape[1])
     even = _EVEN * np.trace(moment) / len(moment)
-    return np.asarray(moment + even * np.eye(len(moment)))
+    result = np.asarray(moment + even * np.eye(len(moment)))
+    result.setflags(write=False)  # it is kept, and given out again
+    return result

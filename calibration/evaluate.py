@@ -382,15 +382,34 @@ PAPER: dict[tuple[str | None, str, str], tuple[float, ...]] = {
 # ---- Markdown
 
 
-def as_markdown(rows: Iterable[Row]) -> str:
-    """The tables as Markdown, for the terminal and the docs."""
+@dataclass(frozen=True)
+class Section:
+    """A table for people: what it is, and its cells as text; the first row heads the columns."""
+
+    title: str
+    text: str
+    cells: list[list[str]]
+
+
+def sections(rows: Iterable[Row]) -> list[Section]:
+    """The tables, each with the paper's figures where it has them."""
     rows = list(rows)
-    parts = []
+    found = []
     for number, (title, text) in _TITLES.items():
         chosen = [row for row in rows if row.table == number]
         if chosen:
             write = _with_paper if number <= 2 else _means
-            parts.append("\n".join([f"### Table {number}. {title}", "", text, "", *write(chosen)]))
+            found.append(Section(f"Table {number}. {title}", text, write(chosen)))
+    return found
+
+
+def as_markdown(rows: Iterable[Row]) -> str:
+    """The tables as Markdown, for the terminal and the docs."""
+    parts = []
+    for section in sections(rows):
+        head, *lines = ("| " + " | ".join(cells) + " |" for cells in section.cells)
+        rule = "|" + "---|" * len(section.cells[0])
+        parts.append("\n".join([f"### {section.title}", "", section.text, "", head, rule, *lines]))
     return "\n\n".join(parts) + "\n"
 
 
@@ -402,7 +421,7 @@ _TITLES = {
 }
 
 
-def _with_paper(rows: Sequence[Row]) -> list[str]:
+def _with_paper(rows: Sequence[Row]) -> list[list[str]]:
     """A line a method and surfaces, two columns a set of lights: ours and the paper's."""
     lights = tuple(dict.fromkeys(row.lights for row in rows))
 
@@ -414,7 +433,7 @@ def _with_paper(rows: Sequence[Row]) -> list[str]:
     return _table(rows, ("surfaces", "input", "method"), head, lights, cell)
 
 
-def _means(rows: Sequence[Row]) -> list[str]:
+def _means(rows: Sequence[Row]) -> list[list[str]]:
     """A line a method and surfaces, a column a set of lights."""
     lights = tuple(dict.fromkeys(row.lights for row in rows))
     heads = [f"{light} ({_count(rows, light)})" for light in lights]
@@ -438,14 +457,13 @@ def _table(
     heads: Sequence[str],
     lights: Sequence[str],
     cell: Callable[[Row], list[str]],
-) -> list[str]:
+) -> list[list[str]]:
     lines: dict[tuple[str, ...], dict[str, list[str]]] = {}
     for row in rows:
         label = {"surfaces": row.surfaces, "input": row.input, "method": _label(row)}
         lines.setdefault(tuple(label[key] for key in keys), {})[row.lights] = cell(row)
-    out = ["| " + " | ".join([*keys, *heads]) + " |", "|" + "---|" * (len(keys) + len(heads))]
+    out = [[*keys, *heads]]
     out += [
-        "| " + " | ".join([*label, *(c for light in lights for c in cells[light])]) + " |"
-        for label, cells in lines.items()
+        [*label, *(c for light in lights for c in cells[light])] for label, cells in lines.items()
     ]
     return out

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from calibration.difference import delta_e_2000, delta_e_2000_parts, lab
 from calibration.display import Array, Display
-from calibration.errors import InputError, Problem, fault
+from calibration.errors import InputError, Problem, fault, read_text
 
 COLUMNS = ("R", "G", "B", "X", "Y", "Z")
 LEVELS = 5  # of a channel's ramp at least, black and full drive among them
@@ -241,7 +241,7 @@ def read(path: str | Path) -> Samples:
         if not path.is_file():
             raise fault("no such file", f"a CSV with {','.join(COLUMNS)}", "check the path")
         try:
-            text = path.read_text(encoding="utf-8-sig")
+            text = read_text(path, "a CSV of readings")
         except UnicodeDecodeError as error:
             raise fault(
                 f"byte {error.start} is not UTF-8", "UTF-8 text", "save it as CSV UTF-8"

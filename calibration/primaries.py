@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.errors import InputError, Problem, fault
+from calibration.errors import InputError, Problem, fault, read_text
 from calibration.spectra import STEP_NM, WAVELENGTHS, Spectra, read_spectra, to_csv
 
 DEFAULT = "signed6"
@@ -181,9 +181,11 @@ def _read_matrix(path: Path, channels: tuple[str, ...]) -> NDArray[np.float64]:
     if not path.is_file():
         raise fault("no such file", "the matrix to XYZ", f"put it beside {CURVES_FILE}", path)
     try:
-        lines = path.read_text(encoding="utf-8-sig").split("\n")
+        lines = read_text(path, "a CSV of three rows").split("\n")
         cells = [[cell.strip() for cell in line.split(",")] for line in lines if line.strip()]
         matrix = np.array([[float(cell) for cell in row[1:]] for row in cells[1:]])
+    except InputError as error:
+        raise error.at(path) from None
     except ValueError as error:  # text, rows of unequal length, not UTF-8
         raise fault(str(error), "three rows of numbers", "correct the cell", path) from None
     labels = [row[0] for row in cells[1:]]

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.errors import InputError, Problem, fault
+from calibration.errors import InputError, Problem, fault, read_text
 
 STEP_NM = 10.0
 WAVELENGTHS: NDArray[np.float64] = np.arange(380.0, 731.0, STEP_NM)
@@ -156,7 +156,7 @@ def _text(path: Path) -> str:
     if not path.is_file():
         raise fault("no such file", "a CSV of spectra", "check the path")
     try:
-        return path.read_text(encoding="utf-8-sig")  # spreadsheets write a byte order mark
+        return read_text(path, "a CSV of spectra")
     except UnicodeDecodeError as error:
         raise fault(
             f"byte {error.start} is not UTF-8", "UTF-8 text", "save the file as CSV UTF-8"

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.errors import InputError, Problem, fault
+from calibration.errors import InputError, Problem, fault, read_text
 from calibration.primaries import Primaries
 
 LIGHT, REFLECTANCE = QUANTITIES = ("light", "reflectance")
 _MATRIX_OF = {LIGHT: "M_S", REFLECTANCE: "M_R"}
+MOST_SIGNALS = 240  # rows kept of a chart under its lights: ten times 24 patches, 10 kB of text
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,9 @@ class Transform:
     inputs            name to sha256 of each file it was made from
     quantity          what it gives: one of QUANTITIES. M_S gives light; M_R reflectance, from
                       signals over those of a white in the same light
+    signals           (n, B) what the bands saw of the chart's patches under the session's lights,
+                      on one scale; None where it was not fitted to a chart, or by an earlier
+                      version. Not needed to transform: it shows what light looks like to the bands
     """
 
     matrix: NDArray[np.float64]
@@ -51,6 +55,7 @@ class Transform:
     figures: Mapping[str, Any] = field(default_factory=dict)
     inputs: Mapping[str, str] = field(default_factory=dict)
     quantity: str = LIGHT
+    signals: NDArray[np.float64] | None = None
 
 
 def matched(
@@ -90,14 +95,19 @@ def matched(
     if problems:
         raise InputError(problems)
     order = [transform.channels.index(channel) for channel in channels]
-    return replace(transform, matrix=transform.matrix[:, order], channels=tuple(channels))
+    return replace(
+        transform,
+        matrix=transform.matrix[:, order],
+        channels=tuple(channels),
+        signals=None if transform.signals is None else transform.signals[:, order],
+    )
 
 
 def to_toml(transform: Transform) -> str:
-    """The transform as the text of M_S.toml."""
+    """The transform as the text of M_S.toml; of its signals MOST_SIGNALS rows, to 4 digits."""
     import tomli_w
 
-    return tomli_w.dumps(
+    text = tomli_w.dumps(
         {
             "quantity": transform.quantity,
             "channels": list(transform.channels),
@@ -116,13 +126,18 @@ def to_toml(transform: Transform) -> str:
             "inputs": dict(transform.inputs),
         }
     )
+    if transform.signals is None:
+        return text
+    rows = transform.signals[:: 1 + (len(transform.signals) - 1) // MOST_SIGNALS]
+    lines = ("    [" + ", ".join(f"{v:.4g}" for v in row) + "],\n" for row in rows)
+    return f"{text}\n[chart]\nsignals = [\n{''.join(lines)}]\n"  # a line a row, not one a number
 
 
 def from_toml(text: str) -> Transform:
     """The transform that `to_toml` wrote; raises InputError with every problem found."""
     try:
         table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise fault(f"not TOML: {error}", "a file that sixlight fit wrote", "fit again") from None
     problems = [
         Problem(f"{'.'.join(path)} is {_kind(value)}", what, "fit the matrix again")
@@ -146,6 +161,7 @@ def from_toml(text: str) -> Transform:
             f"{shape[0]} x {shape[1]} finite numbers, a row a primary and a column a channel",
             "fit the matrix again",
         )
+    chart = table.get("chart")
     return Transform(
         matrix=matrix,
         channels=channels,
@@ -160,7 +176,22 @@ def from_toml(text: str) -> Transform:
         figures=table["figures"],
         inputs=table["inputs"],
         quantity=quantity,
+        signals=None if chart is None else _signals(_at(chart, ("signals",)), len(channels)),
     )
+
+
+def _signals(rows: Any, bands: int) -> NDArray[np.float64]:
+    try:
+        signals = np.array(rows, np.float64)
+    except (TypeError, ValueError):
+        signals = np.empty(0)
+    if signals.shape != (len(signals), bands) or not np.isfinite(signals).all():
+        raise fault(
+            "chart.signals are no table of finite numbers",
+            f"rows of {bands}, a column a channel",
+            "fit the matrix again, or take [chart] out",
+        )
+    return signals
 
 
 def write_transform(path: str | Path, transform: Transform) -> None:
@@ -176,7 +207,7 @@ def read_transform(path: str | Path) -> Transform:
             "no such file", "a file of sixlight fit", "run sixlight fit, or correct the path", path
         )
     try:
-        return from_toml(path.read_text(encoding="utf-8"))
+        return from_toml(read_text(path, "a file that sixlight fit wrote"))
     except UnicodeDecodeError:
         raise fault("not UTF-8", "a file that sixlight fit wrote", "fit again", path) from None
     except InputError as error:

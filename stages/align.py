@@ -1,15 +1,20 @@
 """Where each filter's image lies against the first: glass in front of a lens moves the picture.
 
+A plane glass that is not square to the axis shifts it; its thickness, and focusing anew, make it a
+little larger or smaller; a filter that is screwed in by hand turns the camera. So a shift, a scale
+and a turn are solved.
+
 The filters change colours and brightness, so what is compared is texture: the logarithm of each
-channel, less its local mean, over its local spread. The shift then makes it match best, in least
-squares over the sphere and what is seen around it, all channels together, each with the weight
-its match deserves: what two filters both let through (green, for cyan and yellow) decides.
+channel, less its local mean, over its local spread. Shift, scale and turn then make it match
+best, in least squares over the sphere, its rim and what is seen around it, all channels together,
+each with the weight its match deserves: what two filters both let through (green, for cyan
+and yellow) decides.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +29,8 @@ REACH_PX = 16  # px, the largest shift that is looked for
 _ENOUGH = 2e5  # places compared; of larger images every second or third row and column
 _TILES = 8  # along each side: parts that are asked for a shift of their own, for the error
 _DEMOSAIC = 0.02  # px, error left in all: what demosaicing makes lies still while images shift
+# Scale and turn, in rad, that glass and hand may be expected to make: what is not seen stays small.
+_USUAL = 3e-3
 LEAST_CORRELATION = 0.3  # correlation; textures that have nothing in common stay below
 
 
@@ -35,7 +42,8 @@ class Alignment:
 
     shifts       (F, 2) x, y in px; the first is 0
     correlation  (F,) of the texture in the best channel, after the shift
-    error_px     (F,) standard error of a shift, from how well the image's parts agree on it
+    error_px     (F,) standard error of a place along x or y, root mean square over the sphere, from
+                 how well the image's parts agree
     about_px     x, y of the place that neither scale nor turn moves: the sphere's centre
     scales       (F,) magnification against the first; all 1 where left out
     turns_deg    (F,) turn from x, to the right, towards y, down; all 0 where left out
@@ -64,17 +72,21 @@ class Alignment:
             return np.asarray(pixels - shift)
         return np.asarray((pixels - about - shift) @ np.linalg.inv(matrix).T + about)
 
+    def with_shift(self, shift) -> Alignment:
+        """The same for images whose content lies `shift` = (x, y) px further, all of them."""
+        x, y = self.about_px
+        return replace(self, about_px=(x + float(shift[0]), y + float(shift[1])))
+
     def _matrix(self, number: int) -> Array | None:
         scale = 1.0 if self.scales is None else float(self.scales[number])
         turn = 0.0 if self.turns_deg is None else np.radians(float(self.turns_deg[number]))
         if scale == 1.0 and turn == 0.0:
             return None
-        c, s = scale * np.cos(turn), scale * np.sin(turn)
-        return np.array([[c, -s], [s, c]])
+        return np.asarray(scale * _rotation(turn))
 
 
 def align(images: Sequence[Measured], sphere: Sphere) -> Alignment:
-    """Solve for the shifts of all images against the first.
+    """Solve for shifts, scales and turns of all images against the first.
 
     images   one a filter, (H, W, C) each
     sphere   as it is seen in the first
@@ -82,32 +94,39 @@ def align(images: Sequence[Measured], sphere: Sphere) -> Alignment:
     """
     count = len(images)
     shifts, error = np.zeros((count, 2)), np.zeros(count)
+    scales, turns = np.ones(count), np.zeros(count)
     correlation = np.ones(count)
     if count > 1:
-        first, known = texture(_about(images[0], sphere))
+        part, corner = _about(images[0], sphere)
+        first, known = texture(_cut(images[0], part))
+        about = np.array(sphere.centre_px) - corner
         for k in range(1, count):
-            other, other_known = texture(_about(images[k], sphere))
+            other, other_known = texture(_cut(images[k], part))
             start = coarse_shift(first, other)
-            shifts[k], correlation[k], error[k] = refined_shift(
-                first, known, other, other_known, start
-            )
-            if not correlation[k] > LEAST_CORRELATION:
+            found = _match(first, known, other, other_known, start, about, sphere.rim_px)
+            if not found.correlation > LEAST_CORRELATION:
                 raise fault(
                     f"filter {k + 1}'s photograph does not match the first filter's "
-                    f"(correlation {correlation[k]:.2f})",
+                    f"(correlation {found.correlation:.2f})",
                     f"the same view, shifted by at most {REACH_PX} px",
                     "check that camera and sphere stood still between the filters",
                 )
-    return Alignment(shifts, correlation, error)
+            shifts[k], correlation[k], error[k] = found.shift, found.correlation, found.error_px
+            scales[k], turns[k] = found.scale, found.turn_deg
+    return Alignment(shifts, correlation, error, sphere.centre_px, scales, turns)
 
 
-def _about(image: Measured, sphere: Sphere) -> Measured:
-    """The part of the image that holds the sphere and a fifth of its radius around it."""
+def _about(image: Measured, sphere: Sphere) -> tuple[tuple[slice, slice], Array]:
+    """The part of the image that holds the sphere and a fifth of its radius around it; its corner
+    (x, y)."""
     rim, margin = sphere.outline(), 0.2 * sphere.rim_px + REACH_PX
     height, width = image.valid.shape
     x0, y0 = np.maximum(np.floor(rim.min(axis=0) - margin).astype(int), 0)
     x1, y1 = np.minimum(np.ceil(rim.max(axis=0) + margin).astype(int), (width, height))
-    part = (slice(y0, y1), slice(x0, x1))
+    return (slice(y0, y1), slice(x0, x1)), np.array([x0, y0], np.float64)
+
+
+def _cut(image: Measured, part) -> Measured:
     return Measured(image.values[part], image.variance[part], image.valid[part])
 
 
@@ -149,78 +168,114 @@ def coarse_shift(first: NDArray[np.float32], other: NDArray[np.float32]) -> Arra
     return np.array([dx[column], dy[row]])
 
 
-def _shifted(image: NDArray[np.float32], shift: Array) -> NDArray[np.float32]:
-    """The image (h, w) at p + shift, within the reach; Lanczos, three lobes.
-
-    OpenCV's own warps round positions to a 32nd of a pixel, as much as is to be measured.
-    """
-    import cv2
-
-    taps = np.arange(-REACH_PX - 4, REACH_PX + 5)
-
-    def kernel(s):
-        x = taps - s
-        weight = np.where(np.abs(x) < 3, np.sinc(x) * np.sinc(x / 3.0), 0.0)
-        return weight / weight.sum()
-
-    across, down = kernel(shift[0]), kernel(shift[1])
-    moved = cv2.sepFilter2D(image, cv2.CV_32F, across, down, borderType=cv2.BORDER_REPLICATE)
-    return np.asarray(moved, np.float32)
-
-
 def refined_shift(first, known, other, other_known, start: Array) -> tuple[Array, float, float]:
-    """Gauss-Newton for the shift; also the best channel's correlation and the standard error.
+    """The shift alone; also the best channel's correlation and the standard error.
+
+    first, other  (C, h, w), of `texture`, and where they are known (h, w)
+    start         (2,) to within a pixel
+    """
+    found = _match(first, known, other, other_known, start)
+    return found.shift, found.correlation, found.error_px
+
+
+@dataclass(frozen=True)
+class _Match:
+    """What makes one texture match another: see `Alignment`."""
+
+    shift: Array
+    scale: float
+    turn_deg: float
+    correlation: float
+    error_px: float
+
+
+def _match(
+    first, known, other, other_known, start: Array, about: Array | None = None, radius: float = 1.0
+) -> _Match:
+    """Gauss-Newton for the shift and, where a place is given to turn about, scale and turn.
+
+    about   (2,) x, y px of these images
+    radius  px about it, over which the error is told
 
     Both images' slopes are averaged (second order in the shift), and places that do not match, as
     a highlight clipped in one, lose their weight.
     """
-    shift = start.astype(np.float64)
+    from scipy.ndimage import map_coordinates, spline_filter
+
+    free = 2 if about is None else 4
+    about = np.zeros(2) if about is None else about
+    place, scale, turn = start.astype(np.float64), 1.0, 0.0
     slope_x, slope_y = np.gradient(first, axis=2), np.gradient(first, axis=1)
+    spline = [spline_filter(c, order=3, output=np.float32) for c in other]
     margin = REACH_PX + 4
-    eye = np.eye(len(first))
     inner = np.zeros(known.shape, bool)
     stride = max(1, round(np.sqrt(known.size / _ENOUGH)))
     inner[margin:-margin:stride, margin:-margin:stride] = True
     row, column = (np.arange(n) * _TILES // n for n in known.shape)
     tile = row[:, None] * _TILES + column
-    for _ in range(10):
-        moved = np.stack([_shifted(c, shift) for c in other])
-        moved_known = _shifted(other_known.astype(np.float32), np.rint(shift)) > 0.999
-        use = inner & known & moved_known
-        if use.sum() < 100:
-            return shift, 0.0, np.inf
-        moved_x, moved_y = np.gradient(moved, axis=2), np.gradient(moved, axis=1)
-        a = first[:, use].astype(np.float64)
-        normal, pulls, correlations = np.zeros((2, 2)), np.zeros((2, _TILES**2)), []
-        for c in range(len(moved)):
-            b = moved[c][use].astype(np.float64)
+    failed = _Match(place, 1.0, 0.0, 0.0, np.inf)
+    for _ in range(12):
+        use = np.flatnonzero(inner & known)
+        y, x = np.divmod(use, known.shape[1])
+        away = np.stack([x + 0.5, y + 0.5], axis=-1) - about
+        turned = scale * away @ _rotation(turn).T
+        at = (turned + about + place - 0.5).T[::-1]
+        seen = map_coordinates(other_known.astype(np.float32), at, order=0) > 0.5
+        if seen.sum() < 100:
+            return failed
+        use, turned, at = use[seen], turned[seen], at[:, seen]
+        # What a place does when x, y, scale and turn grow: the last two by a pixel at the radius.
+        moves = np.zeros((free, 2, len(use)))
+        moves[0, 0] = moves[1, 1] = 1.0
+        if free > 2:
+            moves[2], moves[3] = turned.T / radius, (turned[:, ::-1] * (-1, 1)).T / radius
+        a = first.reshape(len(first), -1)[:, use].astype(np.float64)
+        a_x, a_y = (s.reshape(len(first), -1)[:, use] for s in (slope_x, slope_y))
+        normal, pulls, correlations = np.zeros((free, free)), np.zeros((free, _TILES**2)), []
+        for c in range(len(other)):
+            b, right, left, below, above = (
+                map_coordinates(spline[c], at + np.array([[dy], [dx]]), order=3, prefilter=False)
+                for dy, dx in ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0))
+            )
             weight = np.ones_like(b)
             for _ in range(2):  # robust regression on the first image's channels
                 weighted = a * weight
-                mix = np.linalg.solve(weighted @ a.T + 1e-6 * len(b) * eye, weighted @ b)
+                ridge = 1e-6 * len(b) * np.eye(len(first))
+                mix = np.linalg.solve(weighted @ a.T + ridge, weighted @ b)
                 residual = b - mix @ a
-                scale = 1.4826 * np.median(np.abs(residual)) + 1e-6
-                weight = 1.0 / (1.0 + (residual / (2.0 * scale)) ** 2) ** 2
+                spread = 1.4826 * np.median(np.abs(residual)) + 1e-6
+                weight = 1.0 / (1.0 + (residual / (2.0 * spread)) ** 2) ** 2
             slope = 0.5 * np.stack(
-                [
-                    moved_x[c][use] + np.tensordot(mix, slope_x[:, use], 1),
-                    moved_y[c][use] + np.tensordot(mix, slope_y[:, use], 1),
-                ]
+                [(right - left) / 2 + mix @ a_x, (below - above) / 2 + mix @ a_y]
             )
-            weighted = slope * (weight / scale**2)
-            normal += weighted @ slope.T
-            pulls -= [np.bincount(tile[use], w * residual, _TILES**2) for w in weighted]
+            change = np.einsum("kin,in->kn", moves, slope)
+            weighted = change * (weight / spread**2)
+            normal += weighted @ change.T
+            pulls -= [np.bincount(tile.ravel()[use], w * residual, _TILES**2) for w in weighted]
             correlations.append(np.sqrt(max(0.0, 1.0 - residual @ residual / (b @ b + 1e-12))))
-        if np.linalg.cond(normal) > 1e8:
-            return shift, 0.0, np.inf
-        step = np.linalg.solve(normal, pulls.sum(axis=1))
-        shift = np.clip(shift + np.clip(step, -1.0, 1.0), -REACH_PX - 1, REACH_PX + 1)
+        if np.linalg.cond(normal[:2, :2]) > 1e8:
+            return failed
+        pull = pulls.sum(axis=1)
+        for k in range(2, free):
+            normal[k, k] += 1.0 / (_USUAL * radius) ** 2
+            pull[k] -= ((scale - 1.0), turn)[k - 2] / (_USUAL**2 * radius)
+        step = np.clip(np.linalg.solve(normal, pull), -1.0, 1.0)
+        place = np.clip(place + step[:2], -REACH_PX - 1, REACH_PX + 1)
+        if free > 2:
+            scale, turn = scale + step[2] / radius, turn + step[3] / radius
         if np.abs(step).max() < 1e-3:
             break
     # How much the tiles disagree, as the sandwich of a robust regression has it: neighbouring
     # residuals are alike, so nothing can be learnt from their number.
-    spread = pulls - pulls.mean(axis=1, keepdims=True)
+    scatter = pulls - pulls.mean(axis=1, keepdims=True)
     inverse = np.linalg.inv(normal)
-    covariance = inverse @ (spread @ spread.T) @ inverse
-    error = float(np.sqrt(np.trace(covariance) / 2.0 + _DEMOSAIC**2))
-    return shift, float(max(correlations)), error
+    variance = np.diag(inverse @ (scatter @ scatter.T) @ inverse)
+    # Scale and turn move a place by its distance, whose mean square over a disc is half its own.
+    error = np.sqrt(variance[:2].mean() + variance[2:].sum() / 4.0 + _DEMOSAIC**2)
+    return _Match(place, float(scale), float(np.degrees(turn)), max(correlations), float(error))
+
+
+def _rotation(angle_rad: float) -> Array:
+    """By an angle from x, to the right, towards y, down."""
+    c, s = np.cos(angle_rad), np.sin(angle_rad)
+    return np.array([[c, -s], [s, c]])

@@ -8,6 +8,8 @@ right-handed with +Y up. `shaders/include/cube.glsl` says the same in GLSL.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -102,8 +104,41 @@ def sample(cube, direction):
 def with_border(cube):
     """The cubemap (6, N + 2, N + 2, C), each face bordered by one texel of its neighbours."""
     n = cube.shape[1]
+    padded = np.empty((6, n + 2, n + 2, *cube.shape[3:]), cube.dtype)
+    padded[:, 1:-1, 1:-1] = cube
+    rim, beyond = _border(n)
+    padded[rim] = cube[beyond]
+    return padded
+
+
+@cache
+def _border(n: int):
+    """Indices of a bordered cubemap's border texels, and of those in the cubemap they copy."""
     t = (np.arange(-1, n + 1) + 0.5) * (2.0 / n) - 1.0
-    face, u, v = face_positions(face_directions(t[None, :], t[:, None]))
+    rim = np.ones((6, n + 2, n + 2), np.bool_)
+    rim[:, 1:-1, 1:-1] = False
+    at = np.nonzero(rim)
+    face, u, v = face_positions(directions_on(at[0], t[at[2]], t[at[1]]))
     row = np.clip(((v + 1.0) * (n / 2)).astype(np.intp), 0, n - 1)
     column = np.clip(((u + 1.0) * (n / 2)).astype(np.intp), 0, n - 1)
-    return cube[face, row, column]
+    return at, (face, row, column)
+
+
+def blurred(cube, sigma: float):
+    """The cubemap (6, N, N, C) blurred by about a Gaussian of `sigma` texels, across edges too.
+
+    Wide ones are done on fewer texels, as nothing fine is left of them.
+    """
+    n = cube.shape[1]
+    if sigma > 3.0 and n % 2 == 0 and n > 4:
+        fours = cube.reshape(6, n // 2, 2, n // 2, 2, -1).mean(axis=(2, 4))
+        # The mean of four and the interpolation back have a variance of about a half together.
+        return sample(blurred(fours, np.sqrt(sigma * sigma - 0.5) / 2.0), directions(n))
+    passes = int(np.ceil(2.0 * sigma * sigma))
+    side = cube.dtype.type(sigma * sigma / (2.0 * max(passes, 1)))
+    for _ in range(passes):
+        wide = with_border(cube)
+        rows = wide[:, 1:-1] + side * (wide[:, :-2] - 2 * wide[:, 1:-1] + wide[:, 2:])
+        middle = rows[:, :, 1:-1]
+        cube = middle + side * (rows[:, :, :-2] - 2 * middle + rows[:, :, 2:])
+    return cube

@@ -31,6 +31,7 @@ DEGREE = 3  # of the prediction; a cube of real spectra bends more than a square
 LEAST_SIGNAL = 5.0  # standard deviations of the noise, in every band; darker texels are not judged
 MOST = 0.9  # of a coarse texel must be known
 TEXELS_PER_TERM = 10  # that are needed to learn the prediction from
+KNOWN_PER_TERM = 5  # the same of known spectra, which have no noise and did not change
 
 # A texel counts as changed from so many standard deviations on; ...
 SIGNIFICANT = 4.0
@@ -84,9 +85,12 @@ def drift(
     common    (6, N, N, B) how many times a texel's variance counts in a sum over many, see
               `assess.shared_noise`; 1 where left out
     known     (n, B) bands of light as it comes back from things, in the same unit (sums over known
-              sensitivities): makes the changes absolute
+              sensitivities, or what the bands saw of a chart): makes the changes absolute. Fewer
+              than KNOWN_PER_TERM to each term of the prediction are as good as none
     returns   one Change for each filter but the first; their n is MAP_SIZE, N if that is less
     """
+    if known is not None and len(known) < KNOWN_PER_TERM * len(_powers(channels - 1)):
+        known = None
     values, variance, seen = _coarse(bands, common)
     n = values.shape[1]
     weight = np.where(seen, cube.solid_angles(n), 0.0)
@@ -166,7 +170,10 @@ def _change(values, variance, weight, columns, known) -> Change:
     overall = overall_log_sigma = None
     signal, omega = values[clear], weight[clear]
     share, largest, direction = 0.0, 1.0, None
-    prediction = _learnt(known[:, columns], None) if known is not None else _learnt(signal, omega)
+    if known is None:
+        prediction = _learnt(signal, omega, TEXELS_PER_TERM)
+    else:
+        prediction = _learnt(known[:, columns], np.ones(len(known)), KNOWN_PER_TERM)
     if prediction is not None and len(signal):
         relative = variance[clear] / signal**2
         change, spread = prediction.compare(np.log(signal), relative)
@@ -230,8 +237,11 @@ class _Prediction:
         return np.sum(weights * left, axis=1) / information, information**-0.5
 
 
-def _learnt(signal: Array, weight: Array | None) -> _Prediction | None:
+def _learnt(signal: Array, weight: Array, least: int) -> _Prediction | None:
     """The prediction from bands (n, 2 C) of light that did not change; None if they are too few.
+
+    weight  (n,) how much each counts
+    least   how many there must be for each term
 
     A few that did change are borne: each counts by how usual it is (Huber 1964), and the spread is
     scaled to that of the better half.
@@ -239,9 +249,9 @@ def _learnt(signal: Array, weight: Array | None) -> _Prediction | None:
     count = signal.shape[1] // 2
     lit = (signal > 0.0).all(axis=1)
     logs = np.log(signal[lit])
-    weight = np.ones(len(logs)) if weight is None else weight[lit]
+    weight = weight[lit]
     ratios, level = _ratios(logs[:, :count])
-    if len(logs) < TEXELS_PER_TERM * len(_powers(count - 1)):
+    if len(logs) < least * len(_powers(count - 1)):
         return None
     centre: Array = np.average(ratios, axis=0, weights=weight)
     spread = np.average((ratios - centre) ** 2, axis=0, weights=weight)

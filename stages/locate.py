@@ -24,12 +24,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import fault
 from stages.mirror import Array, Sphere, rim_from_circle
+from stages.region import Region
 from stages.rim import measure_rim
 from stages.room import Room
 from stages.types import Measured
@@ -37,10 +39,17 @@ from stages.types import Measured
 _REMEDY = "give the rim as outline = [x, y, radius] in [sphere], in px of the full-size raw image"
 
 _COARSE = 360  # px, longest side of the image in which circles are voted for
+_COARSEST = 64  # px, and down to which halves of it they are
 _CANDIDATES = 12  # circles that are fitted there
 _FOLLOWED = 3  # of them that are followed to the full image
 _AGREE = 0.4  # share of a rim's votes that must agree; a circle fitted to clutter gets .2 to .4 ...
+_CLEAR = 0.15  # share of a rim that agrees, beyond what clutter would: nothing else is looked for
+_SMALLEST = 12.0  # px, radius: a smaller sphere is worth no map, and clutter has many such
+_LARGE = 20.0  # px, radius of a rim that half the resolution is enough for
+_POOL = 6  # of them, from all resolutions, that are followed
+_RIVAL = 0.6  # of the best rim's merit and share, which nothing elsewhere has but another sphere
 _FOUND = 0.2  # ... and the share of the whole rim: a flat background leaves parts without a vote
+_MEASURED = 0.3  # share of sectors that agree with a rim once measured; clutter has .14 to .28
 
 
 def locate(
@@ -53,6 +62,8 @@ def locate(
     yaw_deg: float = 0.0,
     room: Room | None = None,
     reflectance: tuple[Array, Array] | None = None,
+    region: Region | None = None,
+    distortion: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> Sphere:
     """Find the sphere in the first image.
 
@@ -64,10 +75,52 @@ def locate(
     yaw_deg      turn of the result about +Y, handed on
     room         the walls about the sphere, handed on
     reflectance  the sphere's, by angle of incidence: see `measure_rim`; None: of a perfect mirror
+    region       of the photograph that the images show; None: all of it. The outline, the result
+                 and what is said are in px of the whole photograph nevertheless
+    distortion   k1, k2, k3 of the lens, see `stages/lens.py`
     returns      Sphere
     raises       InputError: neither distance nor focal length; no sphere; cut by the frame
     """
-    height, width = images[0].values.shape[:2]
+    region = region or Region.whole(images[0].values.shape[:2])
+    sphere_at = sphere_maker(
+        region,
+        radius_mm=radius_mm,
+        distance_mm=distance_mm,
+        focal_px=focal_px,
+        yaw_deg=yaw_deg,
+        room=room,
+        distortion=distortion,
+    )
+    if outline is not None:
+        x, y, radius = (float(v) for v in outline)
+        if radius <= 0:
+            raise fault(f"the outline's radius is {radius:g} px", "more than 0", _REMEDY)
+        rim = rim_from_circle(x - region.left, y - region.top, radius, sphere_at)
+        sphere = sphere_at(*rim).with_shift(region.origin_px)
+        _refuse_cut(sphere, region, "correct outline = [x, y, radius] in [sphere]")
+        return sphere
+    sphere = _search(images[0], sphere_at, reflectance).with_shift(region.origin_px)
+    _refuse_cut(sphere, region, f"photograph the whole sphere, or, if this is not it, {_REMEDY}")
+    return sphere
+
+
+def sphere_maker(
+    region: Region,
+    *,
+    radius_mm: float,
+    distance_mm: float | None,
+    focal_px: float | None,
+    yaw_deg: float = 0.0,
+    room: Room | None = None,
+    distortion: Sequence[float] = (0.0, 0.0, 0.0),
+) -> Callable[..., Sphere]:
+    """The function (x, y, rim_px, scale=1) -> Sphere of one camera, in px of a region.
+
+    scale   px of the image that x, y, rim_px are of, per px of the photograph
+    raises  InputError where neither distance nor focal length is known, or the distance is wrong
+
+    The optical axis meets the middle of the whole photograph.
+    """
     if distance_mm is None and focal_px is None:
         raise fault(
             "neither the sphere's distance nor the lens's focal length is known",
@@ -82,33 +135,33 @@ def locate(
         )
 
     def sphere_at(x: float, y: float, rim_px: float, scale: float = 1.0) -> Sphere:
+        height, width = region.frame
+        axis = (width / 2.0 - region.left) * scale, (height / 2.0 - region.top) * scale
         return Sphere.from_rim(
             x,
             y,
             rim_px,
             radius_mm=radius_mm,
-            principal_px=(width * scale / 2.0, height * scale / 2.0),
+            principal_px=axis,
             distance_mm=distance_mm,
             focal_px=None if focal_px is None else focal_px * scale,
             yaw_deg=yaw_deg,
             room=room,
+            distortion=distortion,
         )
 
-    if outline is not None:
-        x, y, radius = (float(v) for v in outline)
-        if radius <= 0:
-            raise fault(f"the outline's radius is {radius:g} px", "more than 0", _REMEDY)
-        sphere = sphere_at(*rim_from_circle(x, y, radius, sphere_at))
-        _refuse_cut(sphere, width, height, "correct outline = [x, y, radius] in [sphere]")
-        return sphere
-    sphere = _search(images[0], sphere_at, reflectance)
-    _refuse_cut(
-        sphere, width, height, f"photograph the whole sphere, or, if this is not it, {_REMEDY}"
-    )
-    return sphere
+    return sphere_at
 
 
-def _refuse_cut(sphere: Sphere, width: int, height: int, remedy: str) -> None:
+def _refuse_cut(sphere: Sphere, region: Region, remedy: str) -> None:
+    height, width = region.frame
+    x, y = sphere.centre_px
+    if not (0 <= x <= width and 0 <= y <= height):
+        raise fault(
+            f"the sphere's centre, at {x:.0f}, {y:.0f} px, lies outside the frame",
+            f"the whole sphere within {width} x {height} px",
+            remedy,
+        )
     rim = sphere.outline()
     low, high = rim.min(axis=0), rim.max(axis=0)
     sides = {
@@ -120,7 +173,7 @@ def _refuse_cut(sphere: Sphere, width: int, height: int, remedy: str) -> None:
     cut = [side for side, beyond in sides.items() if beyond]
     if cut:
         raise fault(
-            f"the sphere at {sphere.centre_px[0]:.0f}, {sphere.centre_px[1]:.0f} px, radius "
+            f"the sphere at {x:.0f}, {y:.0f} px, radius "
             f"{sphere.rim_px:.0f} px, is cut by the {' and '.join(cut)} of the frame",
             f"its whole rim within {width} x {height} px",
             remedy,
@@ -140,15 +193,18 @@ class _Level:
     noise: Array
     scale: float
 
+    def halved(self) -> _Level:
+        """The same at half the resolution."""
+        return _Level(_halve(self.light), _halve(self.noise) / 4.0, self.scale / 2.0)
 
-def _pyramid(image: Measured) -> list[_Level]:
-    """The image at full resolution, half, quarter, ... down to `_COARSE`."""
+
+def _pyramid(image: Measured, scale: float) -> list[_Level]:
+    """The image at its own scale, half, quarter, ... down to `_COARSE`."""
     light = np.where(image.valid > 0.5, image.values.mean(axis=-1), np.nan)
     noise = image.variance.mean(axis=-1) / image.values.shape[-1]
-    levels = [_Level(light, noise, 1.0)]
+    levels = [_Level(light, noise, scale)]
     while max(levels[-1].light.shape) > _COARSE:
-        last = levels[-1]
-        levels.append(_Level(_halve(last.light), _halve(last.noise) / 4.0, last.scale / 2.0))
+        levels.append(levels[-1].halved())
     return levels
 
 
@@ -165,26 +221,98 @@ def _search(
     sphere_at: Callable[..., Sphere],
     reflectance: tuple[Array, Array] | None,
 ) -> Sphere:
-    """The sphere found without help, `rim_found` and `rim_residual_px` filled in."""
-    levels = _pyramid(image)
+    """The sphere found without help, and what was learnt of its rim."""
+    rims = _candidates(image, sphere_at)
+    if not rims or rims[0].merit <= 0 or rims[0].found < _FOUND:
+        raise fault("no sphere found in the photograph", "one mirror sphere, all of it", _REMEDY)
+    best, *others = rims
+    for other in others:
+        apart = float(np.hypot(*(other.rim[:2] - best.rim[:2])))
+        alike = other.merit > _RIVAL * best.merit and other.found > _RIVAL * best.found
+        sizes = sorted([float(best.rim[2]), float(other.rim[2])])
+        alike &= sizes[0] > 0.5 * sizes[1] and min(best.found, other.found) > 0.5
+        if alike and apart > 0.8 * (other.rim[2] + best.rim[2]):
+            raise fault(
+                f"two spheres found in the photograph, {_as_outline(best)} and "
+                f"{_as_outline(other)}",
+                "one",
+                "say which it is: outline = [x, y, radius] in [sphere]",
+            )
+    fit = measure_rim(image, best.rim, sphere_at, reflectance)
+    if fit.found < _MEASURED:
+        raise fault("no sphere found in the photograph", "one mirror sphere, all of it", _REMEDY)
+    return replace(
+        sphere_at(*fit.rim),
+        rim_residual_px=fit.residual_px,
+        rim_found=fit.found,
+        rim_sigma_px=fit.sigma_px,
+        rim_agrees=fit.agrees,
+        blur_px=fit.blur_px,
+    )
+
+
+def _as_outline(rim: Rim) -> str:
+    x, y, radius = rim.rim
+    return f"[{x:.0f}, {y:.0f}, {radius:.0f}]"
+
+
+def _candidates(image: Measured, sphere_at: Callable[..., Sphere]) -> list[Rim]:
+    """The rims that a sphere may have, the best first, in px of the image.
+
+    Where `search_rims` finds none that is clear, circles are voted for at several resolutions: in a
+    coarse image few edges are left but the rim, in a fine one a small rim is sharper. From its own
+    each is followed to the full image, or to half of it, where a blurred rim is sharp, if that is
+    enough for `measure_rim` to begin with.
+    """
+    rims = [rim for rim in search_rims(image, sphere_at) if rim.rim[2] > _SMALLEST]
+    if rims and rims[0].found - _AGREE * rims[0].voting > _CLEAR:
+        return rims
+    levels = _pyramid(image, 1.0)
+    while max(levels[-1].light.shape) > _COARSEST:
+        levels.append(levels[-1].halved())
+    rims = []
+    for level in reversed(levels):
+        if level is levels[0] and rims and rims[0].rim[2] > _LARGE:
+            rims = [replace(rim, rim=2.0 * rim.rim) for rim in rims]
+            break
+        fits = [_fit_near(level, 2.0 * rim.rim, sphere_at) for rim in rims]
+        if max(level.light.shape) <= _COARSE:
+            fits += [
+                _fit_rim(level, circle, sphere_at, reach=3.0)
+                for circle in _vote_circles(_log_light(level.light), _CANDIDATES // 2)
+            ]
+        rims = []
+        for fit in sorted(fits, key=attrgetter("merit"), reverse=True):
+            same = max(1.5, 0.04 * fit.rim[2])
+            if len(rims) < _POOL and all(np.abs(fit.rim - r.rim).max() > same for r in rims):
+                rims.append(fit)
+    return [rim for rim in rims if rim.rim[2] > _SMALLEST]
+
+
+def search_rims(
+    image: Measured,
+    sphere_at: Callable[..., Sphere],
+    scale: float = 1.0,
+    candidates: int = _CANDIDATES,
+) -> list[Rim]:
+    """The rims that a sphere may have in an image, found without help, the best first.
+
+    image      (H, W, C)
+    sphere_at  of `sphere_maker`
+    scale      px of the image per px of the photograph
+    candidates circles that are fitted, those first that most edges vote for
+    returns    a few, in px of the image, good to a pixel or so
+    """
+    levels = _pyramid(image, scale)
     coarse = levels[-1]
     fits = [
         _fit_rim(coarse, circle, sphere_at, reach=3.0)
-        for circle in _vote_circles(_log_light(coarse.light))
+        for circle in _vote_circles(_log_light(coarse.light), candidates)
     ]
     for level in levels[-2::-1]:
-        fits = sorted(fits, key=_merit)[-_FOLLOWED:]
+        fits = sorted(fits, key=attrgetter("merit"))[-_FOLLOWED:]
         fits = [_fit_near(level, 2.0 * fit.rim, sphere_at) for fit in fits]
-    best = max(fits, key=_merit, default=None)
-    if best is None or _merit(best) <= 0 or best.found < _FOUND:
-        raise fault("no sphere found in the photograph", "one mirror sphere, all of it", _REMEDY)
-    fit = measure_rim(image, best.rim, sphere_at, reflectance)
-    return replace(sphere_at(*fit.rim), rim_residual_px=fit.residual_px, rim_found=fit.found)
-
-
-def _merit(fit: _RimFit) -> float:
-    """Length of rim that agrees, beyond what clutter would; circles within circles lose."""
-    return (fit.found - _AGREE * fit.voting) * float(fit.rim[2])
+    return sorted(fits, key=attrgetter("merit"), reverse=True)
 
 
 def _log_light(light: Array) -> Array:
@@ -196,11 +324,12 @@ def _log_light(light: Array) -> Array:
     return np.log(np.maximum(np.where(np.isfinite(light), light, known.max()), floor))
 
 
-def _vote_circles(image: Array) -> list[Array]:
-    """Circles (x, y, radius) that many edges of the image (h, w) are tangents of, best first.
+def _vote_circles(image: Array, count: int) -> list[Array]:
+    """Circles (x, y, radius), so many, that many edges of the image (h, w) are tangents of.
 
-    Each pixel of the strongest quarter of gradients votes for the two centres at each radius along
-    its gradient, either sign: a rim is darker than the background here and brighter there.
+    Best first. Each pixel of the strongest quarter of gradients votes for the two centres at each
+    radius along its gradient, either sign: a rim is darker than the background here and brighter
+    there.
     """
     from scipy.ndimage import gaussian_filter, uniform_filter
 
@@ -226,7 +355,7 @@ def _vote_circles(image: Array) -> list[Array]:
             ).reshape(h, w)
     votes = uniform_filter(votes, 3)
     circles = []
-    for _ in range(_CANDIDATES):
+    for _ in range(count):
         k, y, x = (int(i) for i in np.unravel_index(np.argmax(votes), votes.shape))
         circles.append(np.array([x + 0.5, y + 0.5, radii[k]]))
         votes[max(k - 3, 0) : k + 4, max(y - 3, 0) : y + 4, max(x - 3, 0) : x + 4] = 0.0
@@ -234,8 +363,8 @@ def _vote_circles(image: Array) -> list[Array]:
 
 
 @dataclass(frozen=True)
-class _RimFit:
-    """A fitted rim.
+class Rim:
+    """A rim fitted roughly.
 
     rim          (3,) x, y, rim_px, in px of its level
     found        share of its places that agree
@@ -249,6 +378,11 @@ class _RimFit:
     voting: float
     residual_px: float
     agreement: float
+
+    @property
+    def merit(self) -> float:
+        """Length of rim that agrees, beyond what clutter would; circles within circles lose."""
+        return (self.found - _AGREE * self.voting) * float(self.rim[2])
 
 
 # Profiles across the rim: from 3 px inside to 3 px outside. Further in, more terms would be needed.
@@ -271,7 +405,7 @@ def _kink_models(reach: float) -> tuple[Array, Array]:
     return places, np.linalg.qr(np.stack([term @ weight for term in terms], axis=-1))[0]
 
 
-def _fit_near(level: _Level, start: Array, sphere_at: Callable[..., Sphere]) -> _RimFit:
+def _fit_near(level: _Level, start: Array, sphere_at: Callable[..., Sphere]) -> Rim:
     """The better of the rims found from a start and from a little outside it.
 
     From further out the profiles reach less far in, to where edges of things reflected lie.
@@ -285,7 +419,7 @@ def _fit_near(level: _Level, start: Array, sphere_at: Callable[..., Sphere]) -> 
 
 def _fit_rim(
     level: _Level, start: Array, sphere_at: Callable[..., Sphere], *, reach: float, rounds: int = 3
-) -> _RimFit:
+) -> Rim:
     """The rim near a circle given to within about the reach, in px of the level."""
     places, models = _kink_models(reach)
     rim = np.array(start, np.float64)
@@ -302,11 +436,11 @@ def _fit_rim(
         step, agreeing, agreement = _consensus(offset, weight, moves, polish=k == rounds - 1)
         rim = rim + np.clip(step, -reach, reach)
         if rim[2] < 4.0 or not np.isfinite(rim).all():
-            return _RimFit(np.array(start, np.float64), 0.0, 1.0, np.nan, -np.inf)
+            return Rim(np.array(start, np.float64), 0.0, 1.0, np.nan, -np.inf)
     residual = (offset - moves @ step)[agreeing]
     spread = 1.4826 * float(np.median(np.abs(residual))) if residual.size else np.nan
     voting = float(np.mean(weight > _SAY))
-    return _RimFit(rim, float(agreeing.mean()), voting, spread, agreement)
+    return Rim(rim, float(agreeing.mean()), voting, spread, agreement)
 
 
 def _votes(

@@ -1,7 +1,8 @@
 """The mirror sphere as a camera sees it: which pixel shows which direction of the world.
 
 The camera is a pinhole at its entrance pupil: x right, y down, z along the optical axis, and the
-world point (x, y, z) at the pixel `principal_px + focal_px * (x, y) / z`. The world of the result
+world point (x, y, z) at the pixel `principal_px + focal_px * (x, y) / z`, or where the lens's
+distortion moves that (`stages/lens.py`). The world of the result
 is that of a cubemap: the sphere's centre is the origin, +Z points from it to the entrance pupil,
 +Y is the photograph's up made perpendicular to that, +X = +Y x +Z lies to the right.
 
@@ -20,6 +21,7 @@ sphere's centre to a wall, and the mirror looks there from its surface.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import asin, atan, cos, hypot, nan, pi, radians, sin, sqrt, tan
@@ -27,6 +29,7 @@ from math import asin, atan, cos, hypot, nan, pi, radians, sin, sqrt, tan
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.lens import distorted, stretch, undistorted
 from stages.room import Room
 
 Array = NDArray[np.float64]
@@ -50,6 +53,12 @@ class Sphere:
                       third of a pixel are to be feared; NaN where the outline was given
     nominal_focal_px  the focal length that was given, where the distance was too and so decided
     room              the walls about the sphere; None for a distant world
+    turn              rotation (3, 3) from the world as this camera has it to that of the result,
+                      yaw aside: to another camera's, of several about the sphere; None for its own
+    rim_sigma_px      standard errors of the centre's x, y and of `rim_px`
+    rim_agrees        of the rim's sectors, clockwise from the right: which agree with the rim
+    blur_px           standard deviation of the photograph's blur, as the rim was measured with
+    distortion        k1, k2, k3 of the lens, see `stages/lens.py`
     """
 
     centre_mm: tuple[float, float, float]
@@ -61,6 +70,11 @@ class Sphere:
     rim_found: float = nan
     nominal_focal_px: float | None = None
     room: Room | None = None
+    turn: Sequence[Sequence[float]] | None = None
+    rim_sigma_px: Sequence[float] = (nan, nan, nan)
+    rim_agrees: Sequence[bool] = ()
+    blur_px: float = nan
+    distortion: Sequence[float] = (0.0, 0.0, 0.0)
 
     @classmethod
     def from_rim(
@@ -75,15 +89,16 @@ class Sphere:
         focal_px: float | None = None,
         yaw_deg: float = 0.0,
         room: Room | None = None,
+        distortion: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> Sphere:
         """The sphere whose centre is seen at x, y and whose rim has the size `rim_px`.
 
-        rim_px is the radius, in px, the rim would have on the optical axis: focal length times
-        the tangent of the rim's angle from the sphere's centre. So x, y and rim_px are what a
-        photograph shows, whatever lens it was taken with, and hardly depend on each other.
-        Given the distance (entrance pupil to centre), the focal length follows, and a focal
-        length given besides is only remembered: a tape measure is better than the number on a
-        lens. Given the focal length alone, the distance follows.
+        rim_px is the radius, in px, the rim would have on the optical axis of a lens that does not
+        distort: focal length times the tangent of the rim's angle from the sphere's centre. So x, y
+        and rim_px are what a photograph shows, whatever lens it was taken with, and hardly depend
+        on each other. Given the distance (entrance pupil to centre), the focal length follows, and
+        a focal length given besides is only remembered: a tape measure is better than the number
+        on a lens. Given the focal length alone, the distance follows.
         """
         nominal = None
         if distance_mm is not None:
@@ -92,7 +107,8 @@ class Sphere:
             assert focal_px is not None, "neither distance nor focal length"
             focal = focal_px
             distance_mm = radius_mm / sin(atan(rim_px / focal))
-        ray = (float(x - principal_px[0]), float(y - principal_px[1]), float(focal))
+        seen = (x - principal_px[0]) / focal, (y - principal_px[1]) / focal
+        ray = (*(float(v) for v in undistorted(seen, distortion)), 1.0)
         scale = distance_mm / sqrt(sum(v * v for v in ray))
         return cls(
             centre_mm=(ray[0] * scale, ray[1] * scale, ray[2] * scale),
@@ -102,6 +118,7 @@ class Sphere:
             yaw_deg=yaw_deg,
             nominal_focal_px=nominal,
             room=room,
+            distortion=distortion,
         )
 
     @property
@@ -117,11 +134,8 @@ class Sphere:
     @property
     def centre_px(self) -> tuple[float, float]:
         """Pixel x, y at which the sphere's centre is seen; not quite the middle of the rim."""
-        x, y, z = self.centre_mm
-        return (
-            self.principal_px[0] + self.focal_px * x / z,
-            self.principal_px[1] + self.focal_px * y / z,
-        )
+        x, y = self._image_of(np.asarray(self.centre_mm))
+        return float(x), float(y)
 
     @property
     def rim_px(self) -> float:
@@ -131,11 +145,26 @@ class Sphere:
     @cached_property
     def world_from_camera(self) -> Array:
         """Rotation (3, 3) of directions from the camera's frame to the world's, yaw included."""
+        return self._yaw @ self._turn @ self._own_from_camera
+
+    @property
+    def _own_from_camera(self) -> Array:
+        """Rotation (3, 3) to the world that has +Z towards this camera."""
         z = -np.asarray(self.centre_mm) / self.distance_mm
         up = np.array([0.0, -1.0, 0.0])
         y = up - (up @ z) * z
         y /= np.linalg.norm(y)
-        return self._yaw @ np.stack([np.cross(y, z), y, z])
+        return np.stack([np.cross(y, z), y, z])
+
+    @property
+    def _turn(self) -> Array:
+        return np.eye(3) if self.turn is None else np.asarray(self.turn, np.float64)
+
+    @property
+    def towards_camera(self) -> Array:
+        """Unit vector (3,) of the world, from the sphere's centre to the entrance pupil."""
+        towards: Array = self._yaw @ self._turn[:, 2]
+        return towards
 
     @property
     def _yaw(self) -> Array:
@@ -188,8 +217,7 @@ class Sphere:
         slope = np.interp(psi, table_psi, table_tan)  # tan alpha; constant past the rim
         slope = slope / np.where(length > 0, length, 1.0)
         ray = axis + slope[..., None] * across
-        pixels = np.asarray(self.principal_px) + self.focal_px * ray[..., :2] / ray[..., 2:]
-        return pixels, psi <= pi - self.rim_angle_rad
+        return self._image_of(ray), psi <= pi - self.rim_angle_rad
 
     def _from_surface(self, directions) -> Array:
         """Directions (..., 3) in which the mirror sees what lies in these from its centre.
@@ -201,7 +229,7 @@ class Sphere:
         d = np.asarray(directions, np.float64)
         if self.room is None:
             return d
-        radius, towards = self.radius_mm * 1e-3, self._yaw @ (0.0, 0.0, 1.0)
+        radius, towards = self.radius_mm * 1e-3, self.towards_camera
         wall = self.room.wall(np.zeros(3), d @ self._yaw) @ self._yaw.T
         forward = wall @ towards
         across = wall - forward[..., None] * towards
@@ -236,12 +264,24 @@ class Sphere:
         NaN in the blind cone.
         """
         d = self._from_surface(directions)
-        z = self.world_from_camera @ (-np.asarray(self.centre_mm) / self.distance_mm)
+        z = self.towards_camera
         towards = d @ z
         psi = np.arctan2(np.linalg.norm(d - towards[..., None] * z, axis=-1), towards)
         table_psi, table_tan = self._table
         alpha = np.arctan(np.interp(psi, table_psi, table_tan))
         return np.where(psi <= pi - self.rim_angle_rad, (psi + alpha) / 2.0, np.nan)
+
+    def pixels_per_radian(self, directions) -> Array:
+        """How finely the photograph shows what lies in directions (..., 3), the worse way: (...,).
+
+        Half the rim's radius in the middle, nothing at the rim, where a pixel across it shows
+        ever more; along it there are always enough. 0 in the blind cone; walls count as distant.
+        """
+        psi, tangent = self._table
+        slope = self.focal_px * np.gradient(tangent, psi)
+        cosine = np.asarray(directions, np.float64) @ self.towards_camera
+        length = np.linalg.norm(directions, axis=-1)
+        return np.interp(np.arccos(np.clip(cosine / length, -1.0, 1.0)), psi, slope, right=0.0)
 
     def outline(self, count: int = 360) -> Array:
         """Points (count, 2) of the rim in the image, an ellipse; clockwise as seen, from the right.
@@ -254,7 +294,7 @@ class Sphere:
         right = np.cross(down, axis)
         t = np.arange(count)[:, None] * (2.0 * pi / count)
         ray = axis + tan(self.rim_angle_rad) * (np.cos(t) * right + np.sin(t) * down)
-        return np.asarray(self.principal_px) + self.focal_px * ray[:, :2] / ray[:, 2:]
+        return self._image_of(ray)
 
     def inside_px(self, pixels) -> Array:
         """How far (...,) inside the rim pixels (..., 2) lie, in px; negative outside.
@@ -271,7 +311,14 @@ class Sphere:
 
     def _rays(self, pixels) -> Array:
         offset = np.asarray(pixels, np.float64) - np.asarray(self.principal_px)
+        if any(self.distortion):
+            offset = self.focal_px * undistorted(offset / self.focal_px, self.distortion)
         return np.concatenate([offset, np.full((*offset.shape[:-1], 1), self.focal_px)], axis=-1)
+
+    def _image_of(self, rays: Array) -> Array:
+        """Pixels (..., 2) at which rays (..., 3) from the entrance pupil, of any length, arrive."""
+        ideal = rays[..., :2] / rays[..., 2:]
+        return np.asarray(self.principal_px) + self.focal_px * distorted(ideal, self.distortion)
 
     def _off_axis(self, pixels) -> tuple[Array, Array]:
         """Angle (...,) of pixels (..., 2) from the sphere's centre, and its gradient per px."""
@@ -281,6 +328,9 @@ class Sphere:
         sine = np.linalg.norm(np.cross(ray, axis), axis=-1) / length
         cosine = (ray @ axis) / length
         downhill = (axis[:2] - (cosine / length)[..., None] * ray[..., :2]) / length[..., None]
+        if any(self.distortion):
+            moved = stretch(ray[..., :2] / self.focal_px, self.distortion)
+            downhill = np.linalg.solve(moved, downhill[..., None])[..., 0]
         return np.arctan2(sine, cosine), -downhill / np.maximum(sine, 1e-12)[..., None]
 
 

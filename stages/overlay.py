@@ -5,18 +5,22 @@ from __future__ import annotations
 import numpy as np
 
 from stages.mirror import Sphere
+from stages.region import Region
 from stages.types import Float, Measured
 
 _LONGEST = 1600  # px of the picture
 _FINE = 8  # bits of a pixel's fraction, for OpenCV's lines
 _GOOD, _POOR = (64, 255, 90), (255, 90, 40)
+_ASTRAY = (255, 0, 255)  # of sectors that do not agree
 
 
-def overlay(image: Measured, sphere: Sphere) -> Float:
+def overlay(image: Measured, sphere: Sphere, region: Region | None = None) -> Float:
     """The photograph as a display signal, marked.
 
     image    (H, W, C), the one the sphere was found in; three of its channels make the colours
-    sphere   as found; its rim is drawn green, or red where little of it agrees
+    sphere   as found; its rim is drawn green, or red if little of it agrees, and magenta in the
+             sectors that do not
+    region   of the photograph that the image shows; None: all of it
     returns  (h, w, 3) sRGB signal, 0..1, at most 1600 px a side
     """
     import cv2
@@ -37,16 +41,28 @@ def overlay(image: Measured, sphere: Sphere) -> Float:
     agreed = not sphere.rim_found < 0.6  # NaN: given, not found
     colour = _GOOD if agreed else _POOR
 
+    corner = (0.0, 0.0) if region is None else region.origin_px
+
     def at(pixels):
-        place = (np.asarray(pixels) * scale - 0.5) * 2**_FINE
+        place = ((np.asarray(pixels) - corner) * scale - 0.5) * 2**_FINE
         return np.rint(place).astype(np.int32)
 
-    cv2.polylines(picture, [at(sphere.outline(720))], True, colour, 1, cv2.LINE_AA, _FINE)
+    # Each sector for itself: those that see the rim elsewhere, or not at all, are marked.
+    sectors = sphere.rim_agrees or (True,)
+    steps = max(1, 720 // len(sectors))
+    rim = sphere.outline(steps * len(sectors))
+    for k, agrees in enumerate(sectors):
+        arc = np.arange(k * steps, (k + 1) * steps + 1) % len(rim)
+        shade = colour if agrees else _ASTRAY
+        cv2.polylines(picture, [at(rim[arc])], False, shade, 1, cv2.LINE_AA, _FINE)
     x, y = sphere.centre_px
     for dx, dy in ((8.0 / scale, 0.0), (0.0, 8.0 / scale)):
         ends = at([(x - dx, y - dy), (x + dx, y + dy)]).tolist()
         cv2.line(picture, ends[0], ends[1], colour, 1, cv2.LINE_AA, _FINE)
-    text = f"x {x:.2f}  y {y:.2f}  radius {sphere.rim_px:.2f} px"
+    text = f"x {x:.2f}  y {y:.2f}  radius {sphere.rim_px:.2f}"
+    if np.isfinite(sphere.rim_sigma_px).all():
+        text += " +- " + " ".join(f"{s:.2f}" for s in sphere.rim_sigma_px)
+    text += " px"
     if np.isfinite(sphere.rim_found):
         text += f"; {sphere.rim_found:.0%} of the rim agrees, to {sphere.rim_residual_px:.2f} px"
     else:

@@ -390,7 +390,7 @@ class _Renderer:
             seen = form(material.roughness)
             parts = getattr(prepared, seen)
             wanted = samples_of(material, quality) if samples is None else samples
-            specular = _by_root(material.specular) if angular else material.specular
+            specular = by_root(material.specular) if angular else material.specular
             set_uniforms(
                 shade,
                 thing=float(number),
@@ -492,7 +492,7 @@ def _triples(values, taken: slice):
     return part.reshape(*part.shape[:-1], part.shape[-1] // 3, 3)
 
 
-def _by_root(table):
+def by_root(table):
     """A table (K, C) at equal steps of the cosine, 1 first, brought to the shader's: (_STEPS, C) at
     equal steps of its root, 0 first. Reflectances rise most where the cosine nears 0."""
     table = np.asarray(table, np.float64)[::-1]

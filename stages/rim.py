@@ -2,54 +2,86 @@
 
 `locate` finds the rim to a pixel or so; this measures it. Near the rim a mirror is grazed: e pixels
 inside it the reflected direction is turned by sqrt(8 e / radius), by which the whole world behind
-the sphere, panels, lamps and all, is squeezed into the last few pixels, while outside a pixel is
-thousands of times less of it. So a profile across the rim is a random walk in sqrt(e) on its
-inside and nearly a straight line on its outside, both blurred. As a Gaussian process that is a
-likelihood of every place the rim might have, whatever is reflected, with nothing fitted; three
-kinds of world are held possible: broken by edges, smooth, or with a step at the rim itself
-(a dull sphere reflects less than all even there).
+the sphere is squeezed into the last few pixels, while outside a pixel is thousands of times less of
+it. All that a photograph shows of the background within some degrees of the sphere is reflected in
+the outermost twentieth of a pixel. So there is no step at the rim, and there may well be one almost
+at it. A profile across the rim shows, e pixels inside,
 
-A metal darkens all this: at the rim itself it reflects everything, a pixel inside three quarters,
-and that fall alone, like a root too, looks like a rim that lies further out. Where the metal is
-known, the fall by Fresnel's equations, times the light outside, is taken off each profile first.
+    F(e) w(sqrt(e)),    blurred,
 
-Beside edges of what is reflected the likeliest place is wrong, and not by chance but along a whole
-arc: a panel's edge makes a line of its own, always inside the rim. Places are therefore gathered
-in sectors, each of which says one thing, with a bounded weight; and a rim outside of what a
-sector says is far less unlikely than one inside of it. All rims about the first guess are tried.
+F the metal's reflectance (all at the rim itself, three quarters a pixel inside) and w the world
+behind, which begins as what is seen outside and then changes with sqrt(e): slowly, or as a random
+walk, or not at all up to a first edge and somehow from there on. Each of these is a Gaussian
+process, whose likelihood for every place of the rim is known with nothing fitted; they are
+averaged, the first edge's place over all there is. A world that changes slowly tells the rim to
+both sides by F; an edge says that the rim is not inside of it and likely close.
+
+Two things have to be right for that, as what lies beyond the outermost edge is all there is to
+see. The blur is not a Gaussian: a pixel's square and the spline that profiles are read with
+have no tails, and with a Gaussian of the same variance rims come out a tenth of a pixel too large.
+And how wide it is cannot be told from the rim, where a narrower blur and edges further inside look
+the same, and the likelier is too narrow: it is measured on edges that the
+sphere reflects (`stages.blur`).
+
+Beside things that no such model knows, a stand, a hand, clutter, the likeliest place is wrong along
+a whole arc. Places are therefore gathered in sectors, each of which has a vote of bounded weight;
+and a rim outside of what a sector says is less unlikely than one inside, where nothing but
+such things can show an edge. All rims about the first guess are tried.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
+from typing import Any
 
 import numpy as np
 
+from stages.blur import edge_blur
 from stages.mirror import Array, Sphere
 from stages.types import Measured
 
-_PROFILE = np.arange(-2.0, 4.01, 0.5)  # px across the rim, outwards
-_OUTER = 4  # of its samples, the outermost: the light outside the rim
-_PLACES = np.arange(-2.4, 2.41, 0.2)  # px, where on a profile the rim may be
-_FINE = np.arange(-2.4, 2.401, 0.02)  # and to what a sector's sum is interpolated
-# px, sigma of lens, pixel, demosaicing and interpolation together: the one that explains the
-# profiles best. Taken .2 px too small it moves the rim out by a quarter of a pixel.
-_BLURS = (0.45, 0.55, 0.65, 0.75)
-# Variances of a profile's parts, of which that of the world's change over the first pixel inside
-# is about 1: random walk in sqrt(e); terms in sqrt(e), e, e^1.5; step.
-_WORLDS = ((0.3, 1.0, 0.0, 0.0, 0.0), (0.01, 1.0, 1.0, 0.3, 0.0), (0.3, 1.0, 0.0, 0.0, 0.5))
-_PRIOR = (0.5, 0.45, 0.05)  # and how likely each is
-_OUTSIDE = 1e-3  # and of the background's over a pixel: both are the world, seen at 30 radii
-_CONTRAST = 10.0 ** np.arange(-1, 7)  # what it all is multiplied by, in variances of the noise
+_OUTER = 3  # samples of a profile, the outermost: the light outside the rim
+_ALONG = 6  # px along the rim over which profiles are averaged, and apart
+_MOST = 250  # profiles; of larger rims they lie further apart
+_FINE = 0.02  # px, to which a sector's sum is interpolated
+_USUAL_LENS = 0.5  # px, blur of lens and demosaicing, to begin with where no edge tells it ...
+_LENSES = np.array([0.05, 0.2, 0.35, 0.5, 0.7, 0.9, 1.15])  # ... and of which the rim then chooses
+_SQUARE = 1.0 / 12.0  # px^2, variance of a pixel's square
+_EDGES = np.array([0.0, 0.03, 0.1, 0.2, 0.35, 0.55, 0.85, 1.3, 2.0, 3.0])  # px inside: bounds
+_RATE = 1.5  # edges per root of a pixel
+_CONTRAST = 10.0 ** np.arange(-1, 7.1, 1.5)  # what a process is multiplied by, in noise variances
 _MODEL_ERROR = 0.01  # of a profile's range: what demosaicing and interpolation get wrong
-_ALONG = 4  # px along the rim over which profiles are averaged: a Bayer cell in every direction
-_TEMPER = 0.6  # power of a profile's likelihood: its channels show the same edges ...
-_SECTORS = 48
-_SECTOR_TEMPER = 0.15  # ... and so do the profiles of a sector
-_ASTRAY = 0.05  # likelihood, against the best, of a sector that shows a place outside the rim's ...
-_BEYOND = 0.002  # ... or inside it, outside the rim: nothing does but a stand or clutter
+_TEMPER = 0.3  # power of a profile's likelihood: its channels and neighbours show the same edges
+_ANYTHING = 0.05  # share of profiles that may show anything
+_SECTORS = 36
+_ARCS = 12  # of three sectors each: what is left out at a time to tell the error
+_ASTRAY = 0.1  # likelihood, against the best, of a rim outside of what a sector says ...
+_BEYOND = 0.002  # ... and of one inside of it
+# Errors that all sectors share, as of the blur, show in none: on simulated spheres errors are so
+# much larger than what sectors tell.
+_UNTOLD = 2.8
+_LEAST_SIGMA = 0.02  # px
+_AGREE = 0.3  # px: sectors that show the rim no further away agree with it
+
+
+@dataclass(frozen=True, eq=False)
+class _About:
+    """How far about a guess is looked.
+
+    profile  (T,) px across the rim, outwards
+    places   (S,) px, where on a profile the rim may be
+    reach    px, steps of x, y and size that are tried
+    """
+
+    profile: Array
+    places: Array
+    reach: Array
+
+
+_WIDE = _About(np.arange(-4.0, 4.51, 0.75), np.arange(-3.6, 3.61, 0.3), np.arange(-2.8, 2.81, 0.35))
+_NEAR = _About(np.arange(-2.5, 3.51, 0.5), np.arange(-1.5, 1.51, 0.1), np.arange(-0.6, 0.61, 0.15))
 
 
 @dataclass(frozen=True)
@@ -57,13 +89,22 @@ class RimFit:
     """A measured rim.
 
     rim          x, y, rim_px as `Sphere.from_rim` has them
+    sigma_px     standard errors of these, from how much the sectors disagree
     residual_px  robust standard deviation of the sectors' own places about the rim
-    found        share of sectors whose own place lies within .3 px
+    agrees       (K,) of its sectors, clockwise from the right: whether their own place is near
+    blur_px      of lens, pixel and demosaicing together, that was found or assumed
     """
 
     rim: tuple[float, float, float]
+    sigma_px: tuple[float, float, float]
     residual_px: float
-    found: float
+    agrees: tuple[bool, ...]
+    blur_px: float
+
+    @property
+    def found(self) -> float:
+        """Share of sectors that agree."""
+        return float(np.mean(self.agrees))
 
 
 def measure_rim(
@@ -76,189 +117,305 @@ def measure_rim(
     """The rim about a first guess.
 
     image      (H, W, C)
-    start      (3,) x, y, rim_px to within a pixel or so
+    start      (3,) x, y, rim_px to within three pixels or so
     sphere_at  (x, y, rim_px) -> Sphere
     reflectance  of the sphere: angles of incidence (K,) in rad, ascending to pi/2, and the factor
                  there (K,); None for a perfect mirror
     rounds     each starts from the rim the last has found
     """
-    from scipy.optimize import minimize
-
-    sphere = sphere_at(*start)
-    origin, values, variance = _about(image, sphere)
-    blurs: tuple[float, ...] = _BLURS
     rim = np.array(start, np.float64)
+    part = _Part(image, sphere_at(*rim))
+    blur = part.blur_inside(rim)
+    lens = _USUAL_LENS if np.isnan(blur) else float(np.sqrt(max(blur**2 - _SQUARE, 0.01)))
+    edges = not np.isnan(blur)
     for k in range(rounds):
-        sphere = sphere_at(*rim)
-        count = int(np.clip(2.0 * np.pi * sphere.rim_px, 4 * _SECTORS, 4000)) // 2 * 2
-        outline = sphere.outline(count)
-        profiles, noise = _profiles(values, variance, outline - origin, sphere.outward(outline))
-        profiles, noise = profiles[1::2], noise[1::2]
-        tried = []
-        for blur in blurs:
-            dips = _dips(sphere.rim_px, reflectance, blur)
-            tried.append(_evidence(profiles, noise, *_processes(blur), dips))
-        explained = [float(np.sum(e.total)) for e in tried]
-        likeliest = int(np.argmax(explained))
-        evidence, blurs = tried[likeliest].of_places, blurs[likeliest : likeliest + 1]
-        # How far the rim's places move outwards when x, y and size grow by a pixel.
-        moves = np.stack(
-            [10.0 * sphere_at(*(rim + d)).inside_px(outline[1::2]) for d in 0.1 * np.eye(3)],
-            axis=-1,
+        about = _WIDE if k == 0 else _NEAR
+        if k == 1 and not edges:
+            lens = _likeliest_lens(part, rim, sphere_at, reflectance)
+        sectors = _Sectors(
+            *_evidence_about(part, rim, sphere_at, reflectance, lens, about, edges), about
         )
-        sectors = _Sectors(evidence, moves)
-        reach = np.arange(-1.2, 1.21, 0.15) if k == 0 else np.arange(-0.45, 0.46, 0.15)
-        grid = np.stack(np.meshgrid(reach, reach, reach, indexing="ij"), axis=-1).reshape(-1, 3)
-        best = grid[np.argmax(sectors.likelihood(grid).sum(axis=-1))]
-        step = minimize(
-            lambda s, sectors=sectors: -sectors.likelihood(s).sum(),
-            best,
-            method="Nelder-Mead",
-            options={
-                "initial_simplex": best + np.vstack([np.zeros(3), 0.1 * np.eye(3)]),
-                "xatol": 2e-3,
-                "fatol": 1e-4,
-            },
-        ).x
+        step = sectors.best(about.reach)
         rim = rim + step
     beyond = sectors.own - sectors.moves @ step
+    sigma = sectors.sigma(step)
     return RimFit(
         rim=(float(rim[0]), float(rim[1]), float(rim[2])),
+        sigma_px=(float(sigma[0]), float(sigma[1]), float(sigma[2])),
         residual_px=1.4826 * float(np.median(np.abs(beyond))),
-        found=float(np.mean(np.abs(beyond) < 0.3)),
+        agrees=tuple(bool(a) for a in np.abs(beyond) < _AGREE),
+        blur_px=float(np.sqrt(lens**2 + _SQUARE)),
     )
 
 
-def _about(image: Measured, sphere: Sphere) -> tuple[Array, list[Array], list[Array]]:
-    """Corner (x, y), spline coefficients and variance of each channel, of the part in question."""
-    from scipy.ndimage import spline_filter
+def _likeliest_lens(part: _Part, rim: Array, sphere_at, reflectance) -> float:
+    """The blur of the lens, px, that explains what is seen across the rim best, wherever it is."""
+    from scipy.interpolate import CubicSpline
+    from scipy.special import logsumexp
 
-    rim, margin = sphere.outline(), 12
-    low = np.maximum(np.floor(rim.min(axis=0)).astype(int) - margin, 0)
-    high = np.ceil(rim.max(axis=0)).astype(int) + margin
-    part = (slice(low[1], high[1]), slice(low[0], high[0]))
-    known = image.valid[part] > 0.5
-    known &= np.isfinite(image.values[part]).all(axis=-1)
-    values, variance = [], []
-    for c in range(image.values.shape[-1]):
+    explained = []
+    for lens in _LENSES:
+        evidence, _ = _evidence_about(
+            part, rim, sphere_at, reflectance, float(lens), _NEAR, edges=False
+        )
+        explained.append(float(logsumexp(_TEMPER * evidence, axis=1).sum()))
+    fine = np.arange(_LENSES[0], _LENSES[-1], 0.01)
+    return float(fine[np.argmax(CubicSpline(_LENSES, explained)(fine))])
+
+
+def _evidence_about(
+    part: _Part, rim: Array, sphere_at, reflectance, lens_px: float, about: _About, edges: bool
+) -> tuple[Array, Array]:
+    """Log likelihood (n, S) of the places about a guess of the rim, and how far (n, 3) they move
+    outwards when its x, y and size grow by a pixel."""
+    sphere = sphere_at(*rim)
+    fitting = int(2.0 * np.pi * sphere.rim_px / _ALONG)
+    outline = sphere.outline(int(np.clip(fitting, 2 * _SECTORS, _MOST)) * _ALONG)
+    profiles, noise = part.profiles(outline, sphere.outward(outline), about.profile)
+    middle = outline[_ALONG // 2 :: _ALONG]
+    moves = np.stack(
+        [10.0 * sphere_at(*(rim + d)).inside_px(middle) for d in 0.1 * np.eye(3)], axis=-1
+    )
+    table = None if reflectance is None else tuple(tuple(map(float, v)) for v in reflectance)
+    # Rounded, so that rims of about one size share what is worked out for them.
+    size = float(np.exp(np.round(np.log(sphere.rim_px) / 0.02) * 0.02))
+    processes = _processes(round(lens_px, 2), size, table, about, edges)
+    evidence = sum(
+        _evidence(profiles[:, c], noise[:, c], edges, *processes) for c in range(profiles.shape[1])
+    )
+    return np.asarray(evidence), moves
+
+
+class _Part:
+    """The part of an image that holds the sphere, its channels added up, each by its mean."""
+
+    def __init__(self, image: Measured, sphere: Sphere):
+        from scipy.ndimage import spline_filter
+
+        rim, margin = sphere.outline(), 12
+        low = np.maximum(np.floor(rim.min(axis=0)).astype(int) - margin, 0)
+        high = np.ceil(rim.max(axis=0)).astype(int) + margin
+        part = (slice(low[1], high[1]), slice(low[0], high[0]))
+        values = image.values[part]
+        known = (image.valid[part] > 0.5) & np.isfinite(values).all(axis=-1)
+        mean = np.abs(values[known]).mean(axis=0) if known.any() else np.ones(values.shape[-1])
+        gain = (1.0 / np.maximum(mean, 1e-12)).astype(np.float32)
+        self._corner = low.astype(np.float64)
+        self._light = np.where(known, values @ gain, np.nan)
+        self._variance = np.where(known, image.variance[part] @ gain**2, np.nan)
         # The spline's filter would spread a NaN along its row: gaps are filled, and cut out again.
-        light = image.values[part][..., c].astype(np.float64)
-        fill = np.max(light, where=known, initial=0.0)
-        values.append(spline_filter(np.where(known, light, fill), order=3))
-        variance.append(np.where(known, image.variance[part][..., c], np.nan))
-    return low.astype(np.float64), values, variance
+        self._splines, self._noises = [], []
+        for c in range(values.shape[-1]):
+            light = values[..., c].astype(np.float64)
+            filled = np.where(known, light, np.max(light, where=known, initial=0.0))
+            self._splines.append(spline_filter(filled, order=3))
+            self._noises.append(np.where(known, image.variance[part][..., c], np.nan))
+
+    def blur_inside(self, rim: Array) -> float:
+        """The blur of edges in the middle of the sphere, px; NaN where there are too few."""
+        half = min(0.6 * rim[2], 700.0)
+        x, y = rim[:2] - self._corner
+        low = np.maximum(np.array([y - half, x - half]), 0).astype(int)
+        square = (slice(low[0], int(y + half)), slice(low[1], int(x + half)))
+        return edge_blur(self._light[square], self._variance[square])
+
+    def profiles(self, outline: Array, outward: Array, profile: Array) -> tuple[Array, Array]:
+        """Profiles (n, C, T) across the rim, averaged along it, and their noise's variances (n, C).
+
+        outline, outward  (n * _ALONG, 2), as of the `Sphere`
+        """
+        from scipy.ndimage import map_coordinates
+
+        place = outline[:, None] + profile[:, None] * outward[:, None] - self._corner
+        at = np.stack([place[..., 1] - 0.5, place[..., 0] - 0.5])
+        count = len(outline) // _ALONG
+        profiles, noises = [], []
+        for spline, variance in zip(self._splines, self._noises, strict=True):
+            light = map_coordinates(spline, at, order=3, prefilter=False)
+            noise = map_coordinates(variance, at, order=1, cval=np.nan).mean(axis=-1)
+            light[~np.isfinite(noise)] = np.nan
+            profiles.append(light.reshape(count, _ALONG, -1).mean(axis=1))
+            # Divided by less than their number: neighbours share pixels.
+            noises.append(noise.reshape(count, _ALONG).mean(axis=1) / (_ALONG - 2))
+        return np.stack(profiles, axis=1), np.stack(noises, axis=1)
 
 
-def _profiles(values, variance, outline: Array, outward: Array) -> tuple[Array, Array]:
-    """Profiles (n, C, T) across the rim, averaged along it, and variances (n, C) of their noise."""
-    from scipy.ndimage import map_coordinates
-
-    x, y = np.moveaxis(outline[:, None] + _PROFILE[:, None] * outward[:, None], -1, 0)
-    at = np.stack([y - 0.5, x - 0.5])
-    light = np.stack([map_coordinates(v, at, order=3, prefilter=False) for v in values], axis=1)
-    noise = np.stack(
-        [map_coordinates(v, at, order=1, cval=np.nan).mean(axis=-1) for v in variance], axis=1
-    )
-    light[~np.isfinite(noise)] = np.nan
-    light = np.mean([np.roll(light, k - _ALONG // 2, axis=0) for k in range(_ALONG)], axis=0)
-    noise = np.mean([np.roll(noise, k - _ALONG // 2, axis=0) for k in range(_ALONG)], axis=0)
-    return light, noise / 3.0  # not 4: neighbours share pixels
-
-
-def _taps(blur: float) -> tuple[Array, Array]:
-    """Positions (T, 25) about each sample of a profile, and weights (25,) of a blur in px."""
-    spread = np.linspace(-3.0, 3.0, 25) * blur
-    weight = np.exp(-0.5 * (spread / blur) ** 2)
-    return _PROFILE[:, None] + spread, weight / weight.sum()
-
-
-def _dips(rim_px: float, reflectance: tuple[Array, Array] | None, blur: float) -> Array:
-    """How much darker (S, T) than the light outside the metal makes a profile, for each place."""
-    dips = np.zeros((len(_PLACES), len(_PROFILE)))
-    if reflectance is None:
-        return dips
-    x, weight = _taps(blur)
-    for s, place in enumerate(_PLACES):
-        # At e px inside, the sine of the angle of incidence is (rim - e) / rim.
-        sine = 1.0 - np.clip((place - x) / rim_px, 0.0, 1.0)
-        factor = np.where(x < place, np.interp(np.arcsin(sine), *reflectance), 1.0)
-        dips[s] = (factor - 1.0) @ weight
-    return dips - dips.mean(axis=-1, keepdims=True)
-
-
-@cache
-def _processes(blur_px: float) -> tuple[Array, Array]:
-    """Eigenvalues (W, S, T) and vectors (W, S, T, T) of the profiles' covariance.
-
-    One for each world and place of the rim; a profile's mean is projected out.
-    """
-    taps, weight = _taps(blur_px)
-    size = len(_PROFILE)
-    # (T, T * 25): from 25 positions about each sample to the blurred profile, less its mean.
-    blur = np.kron(np.eye(size) - 1.0 / size, weight)
-    x = taps.ravel()
-    covariance = np.empty((len(_WORLDS), len(_PLACES), size, size))
-    for s, place in enumerate(_PLACES):
-        inside, outside = np.maximum(place - x, 0.0), np.maximum(x - place, 0.0)
-        root = np.sqrt(inside)
-        walk = blur @ np.minimum.outer(root, root) @ blur.T
-        background = blur @ np.minimum.outer(outside, outside) @ blur.T
-        background += 0.3 * np.outer(blur @ outside, blur @ outside)
-        terms = [blur @ term for term in (root, inside, inside**1.5, np.sign(inside))]
-        for w, (rough, *amounts) in enumerate(_WORLDS):
-            covariance[w, s] = rough * walk + _OUTSIDE * background
-            for amount, term in zip(amounts, terms, strict=True):
-                covariance[w, s] += amount * np.outer(term, term)
-    values, vectors = np.linalg.eigh(covariance)
-    return np.maximum(values, 0.0), vectors
+# ------------------------------------------------------------------------- what profiles look like
 
 
 @dataclass(frozen=True)
-class _Evidence:
-    """What profiles say of the rim: logs of likelihoods.
+class _World:
+    """What may lie behind a sphere, in variances of a profile's parts.
 
-    of_places  (n, S) of each place against all alike, tempered
-    total      (n,) of the profile, wherever the rim is
+    prior    how likely it is
+    walk     random walk in sqrt(e), from the rim
+    terms    in sqrt(e), e, e^1.5
+    outside  random walk of the background, per px
+    edges    indices to _EDGES: between which bounds there is an edge
+    after    random walk in sqrt(e) from the first edge inwards
     """
 
-    of_places: Array
-    total: Array
+    prior: float
+    walk: float
+    terms: tuple[float, float, float]
+    outside: float
+    edges: tuple[int, ...] = ()
+    after: float = 0.0
 
 
-def _evidence(
-    profiles: Array, noise: Array, eigenvalues: Array, vectors: Array, dips: Array
-) -> _Evidence:
-    """What profiles (n, C, T) with noise of variance (n, C) say of the rim's places.
+def _worlds() -> list[_World]:
+    root = np.sqrt(_EDGES)
+    first = np.diff(root) * np.exp(-0.5 * _RATE * (root[:-1] + root[1:]))
+    first /= first.sum()
+    worlds = []
+    # The background is the world as well, but seen at 30 radii; though it may be clutter.
+    for outside, share in ((1e-3, 0.8), (3e-2, 0.2)):
+        worlds += [
+            _World(0.1 * share, 0.3, (1.0, 0.0, 0.0), outside),
+            _World(0.3 * share, 0.01, (1.0, 1.0, 0.3), outside),
+        ]
+        few = 3e-3, (1e-2, 1e-2, 0.0), outside
+        for i, likely in enumerate(first):
+            worlds.append(_World(0.3 * share * likely, *few, (i,)))
+            worlds.append(_World(0.6 * share * likely, *few, (i,), 0.5))
+            if outside < 1e-2:
+                worlds += [
+                    _World(0.4 * share * likely * first[j], *few, (i, j))
+                    for j in range(i + 1, len(first))
+                ]
+    return worlds
 
-    Worlds and contrasts are averaged over for each channel, channels multiplied, and one profile in
-    twenty may show anything.
+
+_WORLDS = _worlds()
+
+
+@cache
+def _prior(edges: bool) -> Array:
+    """How likely each world is, of all or of those that have no edge."""
+    prior = np.array([w.prior for w in _WORLDS if edges or not w.edges])
+    return np.asarray(prior / prior.sum(), np.float32)
+
+
+@cache
+def _spread(lens_px: float) -> tuple[Array, Array]:
+    """Positions (K,) px and weights (K,): the lens's Gaussian, a pixel's square, and the cardinal
+    spline that reads between pixels (Unser 1999, Splines: a perfect fit, equation 18)."""
+    step, reach = 0.05, 200
+    x = np.linspace(-reach * step, reach * step, 2 * reach + 1)
+    pole = np.sqrt(3.0) - 2.0
+    cardinal = np.zeros_like(x)
+    for k in range(-6, 7):
+        away = np.abs(x - k)
+        near = 2.0 / 3.0 - away**2 + away**3 / 2.0
+        spline = np.where(away < 1, near, np.maximum(2.0 - away, 0.0) ** 3 / 6.0)
+        cardinal += -6.0 * pole / (1.0 - pole * pole) * pole ** abs(k) * spline
+    square = np.clip((0.5 - np.abs(x)) / step + 0.5, 0.0, 1.0)
+    kernel = np.exp(-0.5 * (x / lens_px) ** 2)
+    kernel = np.convolve(np.convolve(kernel, square, "same"), cardinal, "same")
+    wide = int(np.ceil((3.0 * lens_px + 2.0) / step / 2)) * 2
+    part = slice(reach - wide, reach + wide + 1, 2)
+    weight: Array = kernel[part] / kernel[part].sum()
+    return x[part], weight
+
+
+@lru_cache(maxsize=64)
+def _processes(
+    lens_px: float,
+    rim_px: float,
+    reflectance: tuple[Any, ...] | None,
+    about: _About,
+    edges: bool,
+) -> tuple[Array, Array, Array]:
+    """Eigenvalues (W, S, T) and vectors (W, S, T, T) of profiles' covariances, and dips (S, T).
+
+    One for each world and place of the rim; a profile's mean is projected out. The dip is how much
+    darker than the light outside the metal makes a profile.
     """
-    worlds, places, size = eigenvalues.shape
-    gain = 1.0 / (1.0 + _CONTRAST[:, None, None, None] * eigenvalues)  # (R, W, S, T)
-    volume = 0.5 * np.log(gain).sum(axis=-1).reshape(-1, places, 1)
-    total = np.zeros((places, len(profiles)))
-    dip = np.matmul(dips[:, None], vectors)  # (W, S, 1, T)
-    for c in range(profiles.shape[1]):
-        usable = np.isfinite(profiles[:, c]).all(axis=-1) & np.isfinite(noise[:, c])
-        profile = np.where(usable[:, None], profiles[:, c], 0.0)
-        least = noise[:, c] + (_MODEL_ERROR * np.ptp(profile, axis=-1)) ** 2
-        profile = profile / np.sqrt(np.where(usable & (least > 0), least, 1.0))[:, None]
-        outside = profile[:, -_OUTER:].mean(axis=-1, keepdims=True)
-        profile = profile - profile.mean(axis=-1, keepdims=True)
-        parts = (profile @ vectors.reshape(-1, size, size)).reshape(worlds, places, -1, size)
-        square = (parts - outside * dip) ** 2
-        misfit = np.matmul(square, np.moveaxis(gain, 0, -1))  # (W, S, n, R)
-        misfit = np.moveaxis(misfit, -1, 0).reshape(-1, places, len(profile))
-        log = volume - 0.5 * misfit
-        most = log.max(axis=0)
-        share = np.exp(np.maximum(log - most, -80.0)).reshape(len(_CONTRAST), worlds, places, -1)
-        log = most + np.log(np.tensordot(_PRIOR, share.mean(axis=0), 1))
-        total += np.where(usable, log, 0.0)
-    most = total.max(axis=0)
-    likelihood = np.exp(_TEMPER * (total - most))
-    alike = likelihood.mean(axis=0)
-    of_places: Array = np.log(0.95 * likelihood / alike + 0.05)
-    return _Evidence(of_places.T, _TEMPER * most + np.log(alike))
+    spread, weight = _spread(lens_px)
+    size = len(about.profile)
+    centred = np.eye(size) - 1.0 / size
+    x = (about.profile[:, None] + spread).ravel()
+
+    def blurred(parts) -> Array:  # (T * K, P) -> (T, P)
+        return np.asarray(
+            centred @ np.tensordot(weight, parts.reshape(size, len(weight), -1), (0, 1))
+        )
+
+    nodes = np.linspace(0.0, 2.6, 40)  # a walk is a sum of many small steps
+    back = np.arange(0.0, 5.0, 0.25)
+    inner, outer = np.sqrt(_EDGES[:-1, None]), np.sqrt(_EDGES[1:, None])
+    within = (inner + (outer - inner) * (np.arange(4) + 0.5) / 4) ** 2  # an edge is at one of them
+    width = np.maximum(np.gradient(within.ravel()), 0.01)
+    worlds = [w for w in _WORLDS if edges or not w.edges]
+    covariance = np.empty((len(worlds), len(about.places), size, size))
+    dips = np.empty((len(about.places), size))
+    for s, place in enumerate(about.places):
+        inside, outside = (np.maximum(v, 0.0)[:, None] for v in (place - x, x - place))
+        factor = np.ones_like(inside)
+        if reflectance is not None:
+            # At e px inside, the sine of the angle of incidence is (rim - e) / rim.
+            sine = 1.0 - np.clip(inside / rim_px, 0.0, 1.0)
+            factor = np.interp(np.arcsin(sine), *reflectance)
+        dips[s] = blurred(factor - 1.0)[:, 0]
+        root = np.sqrt(inside)
+        steps = blurred(factor * np.clip(root - nodes, 0.0, nodes[1])) / np.sqrt(nodes[1])
+        walks = [steps[:, nodes > r - 1e-9] for r in (0.0, *outer[:, 0])]
+        walk, *after = [w @ w.T for w in walks]
+        background = blurred(np.clip(outside - back, 0.0, back[1])) / np.sqrt(back[1])
+        background = background @ background.T
+        smooth = blurred(factor * np.concatenate([root, inside, inside**1.5], axis=1))
+        edge = blurred(
+            factor * (inside > 0) * np.clip((inside - within.ravel()) / width + 0.5, 0.0, 1.0)
+        ).reshape(size, *within.shape)
+        steps_at = np.einsum("tjk,ujk->jtu", edge, edge) / within.shape[1]
+        for w, world in enumerate(worlds):
+            terms = smooth * np.sqrt(world.terms)
+            sum_ = world.walk * walk + world.outside * background + terms @ terms.T
+            sum_ += steps_at[list(world.edges)].sum(axis=0)
+            if world.after:
+                sum_ += world.after * after[world.edges[0]]
+            covariance[w, s] = sum_
+    values, vectors = np.linalg.eigh(covariance)
+    return (
+        np.maximum(values, 0.0).astype(np.float32),
+        vectors.astype(np.float32),
+        dips.astype(np.float32),
+    )
+
+
+def _evidence(profiles: Array, noise: Array, edges: bool, eigenvalues, vectors, dips) -> Array:
+    """Log likelihood (n, S) of the places by profiles (n, T) with noise of variance (n,).
+
+    Averaged over worlds and contrasts; 0 throughout where a profile is not known.
+    """
+    usable = np.isfinite(profiles).all(axis=-1) & np.isfinite(noise)
+    profile = np.where(usable[:, None], profiles, 0.0)
+    least = noise + (_MODEL_ERROR * np.ptp(profile, axis=-1)) ** 2
+    profile = profile / np.sqrt(np.where(usable & (least > 0), least, 1.0))[:, None]
+    outside = profile[:, -_OUTER:].mean(axis=-1, keepdims=True)
+    profile = profile - profile.mean(axis=-1, keepdims=True)
+    rest = profile.astype(np.float32) - outside.astype(np.float32) * dips[:, None]  # (S, n, T)
+    contrast = _CONTRAST.astype(np.float32)
+    gain = 1.0 / (1.0 + eigenvalues[..., None] * contrast)  # (W, S, T, R)
+    volume = 0.5 * np.log(gain).sum(axis=-2)[:, :, None]
+    most = np.full((len(dips), len(profile)), -np.inf, np.float32)
+    logs = []
+    for w in range(len(eigenvalues)):
+        log = volume[w] - 0.5 * ((rest @ vectors[w]) ** 2 @ gain[w])  # (S, n, R)
+        logs.append(log)
+        most = np.maximum(most, log.max(axis=-1))
+    total = np.zeros_like(most)
+    for prior, log in zip(_prior(edges), logs, strict=True):
+        total += prior * np.exp(np.maximum(log - most[..., None], -60.0)).mean(axis=-1)
+    return np.where(usable[:, None], (most + np.log(total)).T.astype(np.float64), 0.0)
+
+
+def _robust(evidence: Array) -> Array:
+    """Tempered log likelihoods (n, S) of places, if a few profiles may show anything."""
+    tempered = _TEMPER * evidence
+    likelihood = np.exp(tempered - tempered.max(axis=1, keepdims=True))
+    mean = likelihood.mean(axis=1, keepdims=True)
+    return np.asarray(np.log((1.0 - _ANYTHING) * likelihood + _ANYTHING * mean))
 
 
 class _Sectors:
@@ -268,23 +425,57 @@ class _Sectors:
     moves  (K, 3) how far its place moves when x, y and size grow by a pixel
     """
 
-    def __init__(self, evidence: Array, moves: Array):
+    def __init__(self, evidence: Array, moves: Array, about: _About):
         from scipy.interpolate import CubicSpline
 
-        first = np.arange(_SECTORS) * len(evidence) // _SECTORS
-        count = np.diff(np.append(first, len(evidence)))[:, None]
-        log = _SECTOR_TEMPER * np.add.reduceat(evidence, first, axis=0)
-        log = CubicSpline(_PLACES, log, axis=1)(_FINE)
+        likely, places = _robust(evidence), about.places
+        self._fine = np.arange(places[0], places[-1] + 1e-9, _FINE)
+        first = np.arange(_SECTORS) * len(likely) // _SECTORS
+        count = np.diff(np.append(first, len(likely)))[:, None]
+        log = np.add.reduceat(likely, first, axis=0)
+        log = CubicSpline(places, log, axis=1)(self._fine)
         self._log = log - log.max(axis=1, keepdims=True)
-        self.own = _FINE[np.argmax(log, axis=1)]
+        self.own = self._fine[np.argmax(log, axis=1)]
         self.moves = np.add.reduceat(moves, first, axis=0) / count
 
     def likelihood(self, steps) -> Array:
         """Log likelihood (..., K) of rims moved by steps (..., 3)."""
         place = np.asarray(steps) @ self.moves.T
-        at = np.clip((place - _FINE[0]) / (_FINE[1] - _FINE[0]), 0, len(_FINE) - 1.001)
+        at = np.clip((place - self._fine[0]) / _FINE, 0, len(self._fine) - 1.001)
         low = at.astype(int)
         share, k = at - low, np.arange(len(self.own))
         log = self._log[k, low] * (1.0 - share) + self._log[k, low + 1] * share
         outside = 0.5 + 0.5 * np.tanh((place - self.own) / 0.2)
         return np.log(np.exp(log) + _BEYOND + (_ASTRAY - _BEYOND) * outside)
+
+    def best(self, reach: Array) -> Array:
+        """The likeliest step (3,), of all within a reach of steps along each axis."""
+        grid = np.stack(np.meshgrid(reach, reach, reach, indexing="ij"), axis=-1).reshape(-1, 3)
+        return self._climb(grid[np.argmax(self.likelihood(grid).sum(axis=-1))], slice(None))
+
+    def sigma(self, step: Array) -> Array:
+        """Standard errors (3,) of a step: a jackknife that leaves out an arc at a time.
+
+        Neighbouring sectors are wrong together, so nothing is to be learnt from their number.
+        """
+        arc = np.arange(_SECTORS) * _ARCS // _SECTORS
+        without = np.stack([self._climb(step, arc != k) for k in range(_ARCS)])
+        spread = without - without.mean(axis=0)
+        variance = (_ARCS - 1) / _ARCS * np.sum(spread**2, axis=0)
+        return np.asarray(np.sqrt(_UNTOLD**2 * variance + _LEAST_SIGMA**2))
+
+    def _climb(self, start: Array, counted) -> Array:
+        from scipy.optimize import minimize
+
+        return np.asarray(
+            minimize(
+                lambda s: -self.likelihood(s)[counted].sum(),
+                start,
+                method="Nelder-Mead",
+                options={
+                    "initial_simplex": start + np.vstack([np.zeros(3), 0.1 * np.eye(3)]),
+                    "xatol": 2e-3,
+                    "fatol": 1e-4,
+                },
+            ).x
+        )

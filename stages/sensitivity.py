@@ -22,7 +22,7 @@ def sensitivity(sphere: Sphere, *, distance_known: bool) -> dict[str, dict[str, 
     x, y = sphere.centre_px
     distant = replace(sphere, room=None)
 
-    def made(dx=0.0, dr=0.0, radius=1.0, distance=1.0, focal=1.0) -> Sphere:
+    def made(dx=0.0, dr=0.0, radius=1.0, distance=1.0, focal=1.0, bend=1.0) -> Sphere:
         by_tape = {"distance_mm": sphere.distance_mm * distance}
         by_lens = {"focal_px": sphere.focal_px * focal}
         return Sphere.from_rim(
@@ -32,6 +32,7 @@ def sensitivity(sphere: Sphere, *, distance_known: bool) -> dict[str, dict[str, 
             radius_mm=sphere.radius_mm * radius,
             principal_px=sphere.principal_px,
             yaw_deg=sphere.yaw_deg,
+            distortion=[bend * k for k in sphere.distortion],
             **(by_tape if distance_known else by_lens),
         )
 
@@ -40,6 +41,8 @@ def sensitivity(sphere: Sphere, *, distance_known: bool) -> dict[str, dict[str, 
         others |= {"distance_mm +1 %": made(distance=1.01), "radius_mm +1 %": made(radius=1.01)}
     else:
         others["focal length +1 %"] = made(focal=1.01)
+    if any(sphere.distortion):
+        others["distortion +10 %"] = made(bend=1.1)
     towards = distant.direction_of(distant.centre_px)
     across = np.cross(towards, (0.0, 1.0, 0.0))
     across /= np.linalg.norm(across)

@@ -1,5 +1,7 @@
 """Shifts known to the tracer, between photographs through unlike filters."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from sphere_tracer import Camera, busy_world, chromium, photograph, smooth_world
@@ -49,6 +51,32 @@ def test_a_shift_is_found_to_a_twentieth_of_a_pixel_through_unlike_filters(seed,
     np.testing.assert_allclose(found.shifts, [(0.0, 0.0), shift], atol=0.05)
     assert found.correlation[1] > 0.9
     assert 0.0 < found.error_px[1] < 0.05
+
+
+@pytest.mark.parametrize(("scale", "turn_deg"), [(1.002, 0.0), (0.9985, 0.08)])
+def test_a_filter_that_magnifies_and_turns_is_found_to_do_so(scale, turn_deg):
+    """Through the tracer's own camera: a longer focal length magnifies about the optical axis,
+    and turning positions about it turns the picture."""
+    world, bands = room(4), YELLOW
+    focal = dataclasses.replace(CAMERA, focal_px=CAMERA.focal_px * scale)
+    t = np.radians(turn_deg)
+    turn = np.array([[np.cos(t), -np.sin(t)], [np.sin(t), np.cos(t)]])  # from x towards y, down
+
+    class Turned(Camera):
+        def radiance(self, world, x, y, reflectance, shift=(0.0, 0.0)):
+            middle = np.array([self.width / 2, self.height / 2])
+            x, y = ((np.stack([x, y], axis=-1) - middle) @ turn + middle).T
+            return super().radiance(world, x, y, reflectance, shift)
+
+    seen = photograph(Turned(**vars(focal)), world, chromium, rim_samples=4) @ bands.T
+    found = align([view(world, CYAN, seed=3), measured(seen, 4)], SPHERE)
+    middle = np.array([120.0, 110.0])
+    places = middle + 60.0 * np.random.default_rng(5).uniform(-1, 1, (50, 2))
+    expected = middle + scale * (places - middle) @ turn.T
+    off = found.to_image(1, places) - expected
+    assert np.sqrt(np.mean(off**2)) < 0.03
+    assert found.scales[1] == pytest.approx(scale, abs=4e-4)
+    assert found.turns_deg[1] == pytest.approx(turn_deg, abs=0.025)
 
 
 def test_a_clipped_lamp_does_not_pull():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 from sphere_tracer import Camera, busy_world, chromium, photograph, smooth_world
 
 from calibration.errors import InputError
@@ -11,11 +12,15 @@ from stages.mirror import Sphere
 from stages.rim import measure_rim
 from stages.types import Measured, Radiance
 
-LENS = {"radius_mm": 50.0, "distance_mm": 1500.0}
+COSINE = np.linspace(1.0, 0.0, 500) ** 2
+METAL = np.arccos(COSINE), chromium(COSINE)  # as the step gives it for the sphere's material
+LENS = {"radius_mm": 50.0, "distance_mm": 1500.0, "reflectance": METAL}
 
 
-def measured(image, noise=0.003, seed=0):
+def measured(image, noise=0.003, seed=0, lens_px=0.0):
+    """A photograph of an image (H, W) or (H, W, C), through a lens that blurs so much."""
     image = np.asarray(image, np.float64).reshape(*image.shape[:2], -1)
+    image = gaussian_filter(image, (lens_px, lens_px, 0.0))
     variance = (noise * image) ** 2 + 1e-6
     image = image + np.random.default_rng(seed).normal(size=image.shape) * np.sqrt(variance)
     return Measured(
@@ -44,6 +49,18 @@ def test_the_rim_is_found_to_a_fraction_of_a_pixel(x, y, rim, world, tolerance):
     assert errors(sphere, camera, x, y, rim).max() < tolerance
     assert sphere.rim_found > 0.5
     assert sphere.rim_residual_px < 0.4
+
+
+@pytest.mark.parametrize("lens_px", [0.5, 1.0])
+@pytest.mark.parametrize(("world", "tolerance"), [(busy_world(52), 0.1), (smooth_world(4), 0.2)])
+def test_a_lens_may_blur_the_rim(world, tolerance, lens_px):
+    x, y, rim = 120.7, 118.3, 90.0
+    camera = Camera.seeing(x, y, rim, 230, 250)
+    image = photograph(camera, world, chromium, samples=3, rim_samples=4)
+    sphere = locate([measured(image, lens_px=lens_px)], **LENS)
+    assert errors(sphere, camera, x, y, rim).max() < tolerance
+    # The pixel's square, of variance 1 / 12, blurs too.
+    assert sphere.blur_px == pytest.approx(np.hypot(lens_px, np.sqrt(1 / 12)), abs=0.15)
 
 
 def through_a_mosaic(image, seed, noise=0.003):
@@ -90,7 +107,10 @@ def test_a_coloured_world_is_measured_through_a_bayer_mosaic(grey, reflectance, 
     tint = smooth_world(90, degree=15.0, channels=3)
     image = photograph(camera, lambda d: grey(d) * tint(d), reflectance, samples=1, rim_samples=5)
     image = image * (0.3, 1.0, 0.6)  # the filter's
-    sphere = locate([through_a_mosaic(image, seed=31)], **LENS)
+    sphere = locate(
+        [through_a_mosaic(image, seed=31)],
+        **(LENS | {"reflectance": None if reflectance is dull else METAL}),
+    )
     assert errors(sphere, camera, x, y, rim).max() < tolerance
 
 
@@ -103,8 +123,8 @@ def test_a_rim_that_its_sectors_contradict_is_said_to_be_found_in_part():
             x, y, rim, radius_mm=50.0, principal_px=(150.0, 120.0), distance_mm=1500.0
         )
 
-    near = measure_rim(photo, np.array([150.9, 120.0, 90.7]), sphere_at)
-    astray = measure_rim(photo, np.array([156.0, 120.7, 86.0]), sphere_at)
+    near = measure_rim(photo, np.array([150.9, 120.0, 90.7]), sphere_at, METAL)
+    astray = measure_rim(photo, np.array([180.3, 120.7, 60.0]), sphere_at, METAL)
     np.testing.assert_allclose(near.rim, (150.3, 120.7, 90.0), atol=0.2)
     assert near.found > 0.8 > 0.6 > astray.found
 
@@ -128,7 +148,7 @@ def test_a_stand_a_cluttered_background_and_unknown_pixels_do_no_harm():
 def test_close_up_the_rim_is_fitted_as_the_ellipse_it_is():
     camera = Camera.seeing(100.0, 110.0, 60.0, 240, 340, distance=150.0)
     image = photograph(camera, smooth_world(4), chromium, rim_samples=5)
-    sphere = locate([measured(image)], radius_mm=50.0, focal_px=camera.focal_px)
+    sphere = locate([measured(image)], radius_mm=50.0, focal_px=camera.focal_px, reflectance=METAL)
     np.testing.assert_allclose(sphere.centre_mm, camera.centre, rtol=3e-3)
     assert sphere.distance_mm == pytest.approx(150.0, rel=2e-3)
 
@@ -153,6 +173,18 @@ def test_a_sphere_cut_by_the_frame_is_said_with_its_side(x, y, side):
         locate([measured(image)], **LENS)
 
 
+def test_two_spheres_are_said_with_both_outlines():
+    left, right = (
+        photograph(Camera.seeing(x, 90.0, 70.0, 180, 360), smooth_world(3), chromium, rim_samples=4)
+        for x in (85.4, 271.2)
+    )
+    both = np.concatenate([left[:, :180], right[:, 180:]], axis=1)
+    with pytest.raises(InputError, match=r"two spheres.*\[\d+, 9\d, [67]\d\] and .*outline"):
+        locate([measured(both)], **LENS)
+    chosen = locate([measured(both)], outline=[271.2, 90.0, 70.0], **LENS)
+    assert chosen.centre_px[0] == pytest.approx(271.2, abs=0.5)
+
+
 def test_an_outline_is_taken_as_the_rim_and_checked():
     blank = measured(np.ones((240, 320)))
     sphere = locate([blank], outline=[150.0, 110.0, 80.0], **LENS)
@@ -162,6 +194,9 @@ def test_an_outline_is_taken_as_the_rim_and_checked():
     assert np.isnan(sphere.rim_found)
     with pytest.raises(InputError, match=r"cut by the top of the frame.*correct outline"):
         locate([blank], outline=[150.0, 70.0, 80.0], **LENS)
+    outside = r"centre, at 350, 110 px, lies outside the frame.*320 x 240.*correct outline"
+    with pytest.raises(InputError, match=outside):
+        locate([blank], outline=[350.0, 110.0, 80.0], **LENS)
     with pytest.raises(InputError, match="radius is -3 px"):
         locate([blank], outline=[150.0, 70.0, -3.0], **LENS)
 

@@ -42,3 +42,16 @@ def test_unknown_pixels_are_white_and_a_large_photograph_is_made_smaller():
     picture = overlay(image, SPHERE)
     assert max(picture.shape) == 1600
     assert picture[int(1550 * 1600 / 3000), int(2100 * 1600 / 3000)].min() == 1.0
+
+
+def test_a_sector_that_disagrees_is_marked_and_no_other():
+    agrees = [True] * 36
+    agrees[9] = False  # clockwise from the right: 90 to 100 degrees, the lowest place of the rim
+    doubtful = replace(SPHERE, rim_found=0.97, rim_agrees=tuple(agrees))
+    picture = overlay(grey(), doubtful)
+    magenta = (picture[..., 0] > 0.7) & (picture[..., 1] < 0.3) & (picture[..., 2] > 0.7)
+    row, column = np.nonzero(magenta)
+    angle = np.degrees(np.arctan2(row + 0.5 - 120.0, column + 0.5 - 160.0))
+    assert len(row) > 5
+    assert (angle > 88.0).all()
+    assert (angle < 102.0).all()
