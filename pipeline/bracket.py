@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Generic, TypeVar
 
@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import io
-from pipeline.errors import storing
+from pipeline.errors import fault, storing
 from stages.merge import workers
+from stages.region import Region
 from stages.types import Frame
 
 T = TypeVar("T")
@@ -30,11 +31,13 @@ class Bracket:
     exposures  time_s, iso and f_number of each
     folder     where the decoded samples go meanwhile, 2 bytes a pixel and exposure; None: where
                temporary files go
+    region     of the photographs that is wanted; None: all of them
     """
 
     files: Sequence[Path]
     exposures: Sequence[Mapping[str, float]]
     folder: Path | None = None
+    region: Region | None = None
 
     @classmethod
     def of(cls, shots: Sequence[io.Shot]) -> Bracket:
@@ -42,20 +45,43 @@ class Bracket:
 
     @contextmanager
     def decoded(self, look: Callable[[Frame], T]) -> Iterator[Decoded[T]]:
-        """Decodes each file once, in threads, as LibRaw lets others run meanwhile."""
+        """Decodes each file once, in threads, as LibRaw lets others run meanwhile.
+
+        InputError where one is damaged, or is not like the first.
+        """
         place = self.folder or tempfile.gettempdir()
         with storing(place), tempfile.TemporaryFile(dir=place) as spool:
 
-            def one(i: int) -> tuple[T, tuple[int, ...]]:
-                with io.opened_frame(self.files[i], **self.exposures[i]) as frame:
+            def one(i: int) -> tuple[T, tuple[int, ...], str]:
+                with io.opened_frame(self.files[i], **self.exposures[i]) as whole:
+                    frame = whole if self.region is None else self.region.part_of(whole)
                     samples = np.ascontiguousarray(frame.samples)
                     _write(spool.fileno(), samples, i * samples.nbytes)
-                    return look(frame), samples.shape
+                    cfa = "".join("RGB"[c] for c in frame.cfa.ravel())
+                    return look(replace(frame, samples=samples)), whole.samples.shape, cfa
 
-            with ThreadPoolExecutor(workers()) as pool:
-                seen, shapes = zip(*pool.map(one, range(len(self.files))), strict=True)
-            assert len(set(shapes)) == 1, "exposures of different sizes"
-            yield Decoded(seen, spool.fileno(), shapes[0])
+            with io.quiet_libraw(), ThreadPoolExecutor(workers()) as pool:
+                seen, shapes, cfas = zip(*pool.map(one, range(len(self.files))), strict=True)
+            # Headers were compared when the capture was loaded; now it is the samples themselves.
+            for i, found in enumerate(zip(shapes, cfas, strict=True)):
+                if found != (shapes[0], cfas[0]):
+                    raise fault(
+                        f"{shapes[i][1]} x {shapes[i][0]} samples in the pattern {cfas[i]}",
+                        f"{shapes[0][1]} x {shapes[0][0]} of {cfas[0]} as in {self.files[0].name}",
+                        "keep photographs of one camera and setting only",
+                        self.files[i],
+                    )
+            shape = shapes[0] if self.region is None else self.region.shape
+            yield Decoded(seen, spool.fileno(), shape)
+
+
+def frames(
+    files: Sequence[Path], exposures: Sequence[Mapping[str, float]]
+) -> Generator[Frame, None, None]:
+    """The photographs one by one, each gone when the next is asked for."""
+    for path, given in zip(files, exposures, strict=True):
+        with io.opened_frame(path, **given) as frame:
+            yield frame
 
 
 @dataclass(frozen=True)

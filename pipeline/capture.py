@@ -6,17 +6,21 @@ all of it, before anything is written.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import hypot
 from pathlib import Path
 
 from calibration import fit, metals, primaries, spectra
 from calibration.errors import InputError, Problem, fault
-from pipeline import io, photographs
+from pipeline import defaults, finished, io, masks, photographs
 from pipeline.photographs import Filter, OfSensor
 from pipeline.tables import Table, read_toml
+from stages import lens
+from stages.mask import Mask
 from stages.merge import Known
+from stages.orient import Place
 from stages.room import Room
 
 _DEFAULT_MATERIAL = "stainless steel"  # what the paper's sphere and most gazing balls are made of
@@ -53,8 +57,27 @@ class Calibration:
 
 
 @dataclass(frozen=True)
+class View:
+    """One of several camera positions about the sphere; see INTERFACE's [[view]].
+
+    place  where the camera roughly stands, from the first view's; None where that is not known
+    """
+
+    name: str
+    filters: tuple[Filter, ...]
+    sphere: SphereSpec
+    focal_px: float | None
+    mask: Mask
+    place: Place | None
+
+
+@dataclass(frozen=True)
 class Capture:
-    """A checked capture. Reading it has opened every file's header, and written nothing."""
+    """A checked capture. Reading it has opened every file's header, and written nothing.
+
+    Of several views, `filters`, `sphere`, `focal_px` and `mask` are the first one's, and `views`
+    has all of them; of one it is empty.
+    """
 
     folder: Path
     name: str
@@ -67,10 +90,44 @@ class Capture:
     known: Known
     notes: tuple[str, ...]
     of_sensor: OfSensor
+    distant: bool = False
+    distortion: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    mask: Mask = field(default_factory=Mask)
+    views: tuple[View, ...] = ()
+    brackets_before: int = 0
+    seen: finished.Seen = field(default_factory=dict, compare=False)
 
     @property
     def shots(self) -> tuple[io.Shot, ...]:
-        return tuple(shot for f in self.filters for shot in f.shots)
+        return tuple(shot for _, f in self.brackets for shot in f.shots)
+
+    @property
+    def brackets(self) -> tuple[tuple[str, Filter], ...]:
+        """What each bracket is called, and its photographs: a filter's, or a view's filter's."""
+        if not self.views:
+            return tuple((f.name, f) for f in self.filters)
+        return tuple((f"{view.name} {f.name}", f) for view in self.views for f in view.filters)
+
+    def of_view(self, name: str) -> Capture:
+        """The capture as if it had that view alone; `brackets_before` counts those of others."""
+        (number,) = (i for i, view in enumerate(self.views) if view.name == name)
+        view = self.views[number]
+        return replace(
+            self,
+            filters=view.filters,
+            sphere=view.sphere,
+            focal_px=view.focal_px,
+            mask=view.mask,
+            views=(),
+            brackets_before=sum(len(v.filters) for v in self.views[:number]),
+        )
+
+    @property
+    def curves(self) -> tuple[Path, ...]:
+        """Files, and folders, of the calibration and the sphere's metal, as capture.toml names."""
+        c, s = self.calibration, self.sphere
+        named = c.transform, c.camera, c.filters, c.primaries, s.material, s.reflectance
+        return tuple(path for path in named if isinstance(path, Path))
 
     @property
     def bands(self) -> tuple[str, ...]:
@@ -132,37 +189,48 @@ def load(folder: Path) -> Capture:
     photographs.check_folder(folder)
     file = folder / "capture.toml"
     problems: list[Problem] = []
-    root = Table(read_toml(file) if file.is_file() else {}, problems, file)
+    shared = defaults.above(folder)
+    seen = finished.see([folder, *shared])  # before anything is read
+    own = read_toml(file) if file.is_file() else {}
+    content, origins = defaults.under(own, file, shared, problems)
+    root = Table(content, problems, file, origins=origins)
 
     name = root.text("name", folder.resolve().name) or folder.resolve().name
     camera = root.table("camera")
-    lens = {
+    optics = {
         "focal_length_mm": camera.number("focal_length_mm", "mm", low=1, high=1e5),
         "pixel_pitch_um": camera.number("pixel_pitch_um", "um", low=0.1, high=1000),
     }
     known = _known(root, camera)
-    filters = photographs.find(folder, root, camera, problems)
+    positions = _positions(root, folder, camera, problems)
+    filters = (
+        positions[0].filters if positions else photographs.find(folder, root, camera, problems)
+    )
     shots = [shot for f in filters for shot in f.shots]
+    every = [f for position in positions for f in position.filters] or filters
     of_sensor = photographs.find_of_sensor(folder, filters, camera, problems)
     notes = [
-        *photographs.notes_of(shots),
+        *defaults.told(origins, folder),
+        *photographs.notes_of([shot for f in every for shot in f.shots]),
         *photographs.changes(filters),
+        *_changes_of(positions[1:]),
         *photographs.notes_of_sensor(of_sensor, filters),
     ]
-    focal_px = _focal_px(shots, lens["focal_length_mm"], lens["pixel_pitch_um"])
+    focal_px = _focal_px(shots, optics["focal_length_mm"], optics["pixel_pitch_um"])
+    distortion = _distortion(camera, focal_px, shots)
+    mask = Mask()
+    if "mask" in root.content:
+        mask = masks.read(root.table("mask"), shots[0].size if shots else None)
     sphere = _sphere(root.table("sphere"), focal_px, shots, problems, notes)
     yaw = root.table("orientation")
     yaw_deg = yaw.number("yaw_deg", "degrees", low=-360, high=360) or 0.0
-    room = _room(root.table("room"), sphere) if "room" in root.content else None
+    room, distant = _room(root.table("room"), sphere) if "room" in root.content else (None, False)
     calibration = _calibration(root.table("calibration"))
-    if root.tables("view"):
-        problems.append(
-            Problem(
-                "[[view]] is not supported by this version",
-                "one camera position",
-                "give each camera position a capture of its own",
-                file,
-            )
+    views = _views(positions, sphere, optics, mask, problems)
+    if views and calibration == Calibration():
+        notes.append(
+            "no calibration: the views are brought into one world, but not joined; each one's bands"
+            " are in work/cubemap_bands_NAME.exr"
         )
     for table in (root, camera, yaw):
         table.nothing_else()
@@ -171,7 +239,7 @@ def load(folder: Path) -> Capture:
         folder,
         name,
         filters,
-        sphere,
+        sphere if not views else views[0].sphere,
         focal_px,
         room,
         calibration,
@@ -179,13 +247,120 @@ def load(folder: Path) -> Capture:
         known,
         tuple(notes),
         of_sensor,
+        distant,
+        distortion,
+        mask if not views else views[0].mask,
+        views if len(views) > 1 else (),
     )
+    capture.seen.update(seen | finished.see(capture.curves))
     if not problems:  # M_S is matched to the bands, so the photographs must be right first
         _collect(problems, lambda: capture.transform)
     _collect(problems, lambda: _check_metal(sphere))
     if problems:
-        raise InputError(problems)
+        raise InputError(list(dict.fromkeys(problems)))
     return capture
+
+
+@dataclass(frozen=True)
+class _Position:
+    """A [[view]] with its photographs."""
+
+    name: str
+    table: Table
+    filters: tuple[Filter, ...]
+
+
+def _positions(
+    root: Table, folder: Path, camera: Table, problems: list[Problem]
+) -> list[_Position]:
+    """The [[view]]s, each with photographs of the same filters by one camera."""
+    found: list[_Position] = []
+    tables = root.tables("view")
+    if tables and root.tables("filter"):
+        expected = "each [[filter]] under a view, as [[view.filter]]"
+        root.wrong("filter", "given beside [[view]]", expected, "move it there")
+    for number, table in enumerate(tables, 1):
+        name = table.text("name", f"view{number}") or f"view{number}"
+        if not all(c.isalnum() or c in "-_" for c in name):
+            expected = "letters, digits, hyphens and underscores"
+            table.wrong("name", repr(name), expected, "rename it")
+            continue
+        if name in (p.name for p in found):
+            table.wrong("name", f"{name!r} again", "each view once", "merge or rename them")
+            continue
+        place = folder
+        if "filter" not in table.content:
+            place = folder / name
+            if not place.is_dir():
+                expected = f"[[view.filter]] tables, or a folder {name}/ with one a filter"
+                table.wrong("filter", "missing", expected, "add them")
+                continue
+        with table.noting(""):
+            filters = photographs.find(place, table, camera, problems)
+            found.append(_Position(name, table, filters))
+    for other in found[1:]:
+        mine, first = ([f.name for f in p.filters] for p in (other, found[0]))
+        if mine != first:
+            expected = f"{', '.join(first)}, as of {found[0].name!r}, in that order"
+            other.table.wrong("filter", ", ".join(mine) or "nothing", expected, "correct it")
+        one = [shot for p in (found[0], other) for f in p.filters for shot in f.shots[:1]]
+        photographs.check_alike(one, problems)
+    return found
+
+
+def _changes_of(positions: Sequence[_Position]) -> list[str]:
+    """What the camera did not hold within brackets of further views."""
+    return [f"{p.name} {note}" for p in positions for note in photographs.changes(p.filters)]
+
+
+def _views(
+    positions: Sequence[_Position], sphere: SphereSpec, optics, mask: Mask, problems: list[Problem]
+) -> tuple[View, ...]:
+    """The views with what each says of its own; all of it read, wrong or not."""
+    views = []
+    for position in positions:
+        table = position.table
+        shots = [shot for f in position.filters for shot in f.shots]
+        distance = table.number("distance_mm", "mm", low=1, high=1e6) or sphere.distance_mm
+        outline = table.numbers("outline", "px: x, y, radius", 3)
+        focal_px = _focal_px(shots, optics["focal_length_mm"], optics["pixel_pitch_um"])
+        if "distance_mm" in table.content and distance and distance <= 1.05 * sphere.radius_mm:
+            expected = f"well above radius_mm {sphere.radius_mm:g}"
+            table.wrong("distance_mm", f"{distance:g}", expected, "correct it")
+        if outline is not None:
+            _check_outline(table, outline, shots)
+        elif sphere.outline is not None and len(positions) > 1:
+            expected = "its own in each [[view]], as the sphere lies elsewhere in each"
+            table.wrong("outline", "given under [sphere]", expected, "move it there")
+        yaw = table.number("yaw_deg", "degrees", low=-360, high=360)
+        pitch = table.number("pitch_deg", "degrees", low=-90, high=90)
+        place = None if yaw is None and pitch is None else Place(yaw or 0.0, pitch or 0.0)
+        if position is positions[0] and (yaw or pitch):
+            expected = "0, or nothing: the others' places are counted from it"
+            table.wrong("yaw_deg", f"{yaw or 0:g}, pitch_deg {pitch or 0:g}", expected, "remove it")
+        of_mask = table.table("mask")
+        own = mask
+        if "mask" in table.content:
+            own = masks.read(of_mask, shots[0].size if shots else None)
+        table.nothing_else()
+        spec = replace(
+            sphere,
+            distance_mm=distance,
+            outline=(outline[0], outline[1], outline[2]) if outline else sphere.outline,
+        )
+        views.append(View(position.name, position.filters, spec, focal_px, own, place))
+    return tuple(views)
+
+
+def _check_outline(table: Table, outline, shots) -> None:
+    """A circle must lie in the photographs."""
+    if not shots:
+        return
+    x, y, r = outline
+    height, width = shots[0].size
+    if x - r < 0 or y - r < 0 or x + r > width or y + r > height:
+        expected = f"a circle inside the {width} x {height} photograph"
+        table.wrong("outline", repr(list(outline)), expected, "correct it or photograph again")
 
 
 def _collect(problems: list[Problem], check: Callable[[], object]) -> None:
@@ -221,6 +396,22 @@ def _focal_px(shots, focal_length_mm, pixel_pitch_um) -> float | None:
     return focal_length_mm * 1000.0 / pixel_pitch_um
 
 
+def _distortion(camera: Table, focal_px, shots) -> tuple[float, float, float]:
+    """k1, k2, k3 of [camera]; none where they are not given."""
+    k = camera.vector("distortion", "k1, k2, k3 as OpenCV has them") or (0.0, 0.0, 0.0)
+    if focal_px is not None and shots:
+        corner = 0.5 * hypot(*shots[0].size) / focal_px
+        if lens.reach(k) < corner:
+            camera.wrong(
+                "distortion",
+                f"{list(k)}, by which the picture folds back {lens.reach(k):.2g} focal lengths from"
+                " its middle",
+                f"k1, k2, k3 of a lens that shows corners {corner:.2g} out",
+                "correct them: r is in units of the focal length, from undistorted to distorted",
+            )
+    return k
+
+
 def _sphere(table: Table, focal_px, shots, problems, notes) -> SphereSpec:
     radius = table.number("radius_mm", "mm", low=0.1, high=1e5)
     distance = table.number("distance_mm", "mm", low=1, high=1e6)
@@ -252,48 +443,49 @@ def _sphere(table: Table, focal_px, shots, problems, notes) -> SphereSpec:
         table.wrong(
             "distance_mm", f"{distance:g}", f"well above radius_mm {radius:g}", "correct it"
         )
-    if outline is not None and shots:
-        x, y, r = outline
-        height, width = shots[0].size
-        if x - r < 0 or y - r < 0 or x + r > width or y + r > height:
-            expected = f"a circle inside the {width} x {height} photograph"
-            table.wrong("outline", repr(list(outline)), expected, "correct it or photograph again")
+    if outline is not None:
+        _check_outline(table, outline, shots)
     place = (outline[0], outline[1], outline[2]) if outline else None
     return SphereSpec(radius or 50.0, distance, material, reflectance, place)
 
 
-def _room(table: Table, sphere: SphereSpec) -> Room | None:
+def _room(table: Table, sphere: SphereSpec) -> tuple[Room | None, bool]:
+    """The walls about the sphere, where given, and whether all is said to be far away."""
+    distant = table.flag("distant")
     size = table.vector("size_m", "m: width, height, depth")
     place = table.vector("sphere_m", "m from the left wall, the floor, the wall behind the sphere")
     camera = table.vector("camera_m", "m, likewise")
-    for key, value in (("size_m", size), ("sphere_m", place)):
-        if value is None and key not in table.content:
-            table.wrong(key, "missing", "[x, y, z] in m", "measure it and add it, or remove [room]")
+    for key in ("size_m", "sphere_m"):
+        if distant and key in table.content:
+            table.wrong(key, "given beside distant = true", "one or the other", "remove one")
+        elif not distant and key not in table.content:
+            expected = "[x, y, z] in m, or distant = true"
+            table.wrong(key, "missing", expected, "measure it and add it, or remove [room]")
     table.nothing_else()
-    if size is None or place is None:
-        return None
+    if distant or size is None or place is None:
+        return None, distant
     margin = sphere.radius_mm * 1e-3
     if not all(margin < p < s - margin for p, s in zip(place, size, strict=True)):
         expected = f"the whole sphere inside size_m {list(size)}"
         table.wrong("sphere_m", repr(list(place)), expected, "correct one of them")
-        return None
+        return None, False
     if camera is not None and not all(0.0 <= c <= s for c, s in zip(camera, size, strict=True)):
         expected = f"a place inside size_m {list(size)}"
         table.wrong("camera_m", repr(list(camera)), expected, "correct one of them")
-        return None
+        return None, False
     if camera is not None and not camera[2] - place[2] > 2.0 * margin:
         expected = f"its third number above {place[2] + 2.0 * margin:g}: z runs to the camera"
         table.wrong("camera_m", repr(list(camera)), expected, "correct it, or leave it out")
-        return None
-    return Room(size, place, camera)
+        return None, False
+    return Room(size, place, camera), False
 
 
 def _calibration(table: Table) -> Calibration:
     named = table.text("primaries")
     wanted: str | Path | None = named
     if named is not None and named not in primaries.NAMES:
-        wanted = table.file.parent / named
-        if not wanted.is_dir():
+        wanted = table.inside("primaries", named)
+        if wanted is not None and not wanted.is_dir():
             known = ", ".join(primaries.NAMES)
             expected = f"one of {known}, or a folder of the capture's"
             table.wrong("primaries", repr(named), expected, "correct it")

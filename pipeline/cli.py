@@ -6,12 +6,18 @@ needs is imported inside it, so that `sixlight --help` answers at once.
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json as jsonlib
+import os
+import signal
 import sys
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+
+from calibration.errors import InputError, legible
 
 app = typer.Typer(
     name="sixlight",
@@ -20,6 +26,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Six-channel HDR environment cubemaps from raw photographs of a mirror sphere.",
 )
+
+INTERRUPTED = 130
 
 Quiet = Annotated[bool, typer.Option("--quiet", help="Say nothing while it goes.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the results as JSON.")]
@@ -44,7 +52,24 @@ ToneWord = Annotated[
 
 def main() -> None:
     """Runs the command line and ends the process with its exit status."""
-    sys.exit(status())
+    for stream in (sys.stdout, sys.stderr):  # a name that the terminal has no letters for
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    signal.signal(signal.SIGTERM, _interrupt)
+    # OpenBLAS adds up in another order on more threads, and M_S then differs in its last digits;
+    # it is read when NumPy is imported, which nothing above does.
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    ended = status()
+    if ended == INTERRUPTED:
+        for stream in (sys.stdout, sys.stderr):
+            with contextlib.suppress(OSError):
+                stream.flush()
+        os._exit(ended)  # at once: threads of libraries may be in the middle of something
+    sys.exit(ended)
+
+
+def _interrupt(*_) -> None:
+    raise KeyboardInterrupt
 
 
 def status(arguments: list[str] | None = None) -> int:
@@ -52,15 +77,11 @@ def status(arguments: list[str] | None = None) -> int:
     try:
         return app(args=arguments, standalone_mode=False) or 0
     except typer.TyperException as error:
-        print(f"sixlight: {error.format_message()}", file=sys.stderr)
+        print(f"sixlight: {legible(error.format_message())}", file=sys.stderr)
         return 2
     except (KeyboardInterrupt, typer.Abort):
-        return 130
-    except ValueError as error:
-        from calibration.errors import InputError
-
-        if not isinstance(error, InputError):
-            raise
+        return INTERRUPTED
+    except InputError as error:
         for problem in error.problems:
             print(problem, file=sys.stderr)
         return 2
@@ -123,6 +144,66 @@ def envmap(
             for name in step["made"]:
                 if not name.startswith("work/"):
                     print(out / name)
+        print(out / "report.html")
+
+
+@app.command()
+def batch(
+    folders: Annotated[list[Path], typer.Argument(help="Folders with captures in them.")],
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="Output folder [build/NAME of each].")
+    ] = None,
+    jobs: Annotated[
+        int | None, typer.Option(min=1, max=1024, help="Captures at once [half the processors].")
+    ] = None,
+    memory: Annotated[
+        float | None, typer.Option(help="GB they may take together [4/5 of what is free].")
+    ] = None,
+    time_limit: Annotated[float, typer.Option(min=0.01, help="Minutes one may take.")] = 60.0,
+    keep_going: Annotated[
+        bool, typer.Option("--keep-going/--stop", help="After a capture that failed.")
+    ] = True,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be done.")] = False,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Address of a Dask cluster to do it: tcp://HOST:8786.")
+    ] = None,
+    face_size: Annotated[int, typer.Option(min=0, max=8192, help="As of envmap.")] = 0,
+    preview_width: Annotated[int, typer.Option(min=64, max=8192, help="Likewise.")] = 1280,
+    preview_samples: Annotated[int | None, typer.Option(min=1, max=4096, help="Likewise.")] = None,
+    force: Force = False,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Many captures, side by side: each as envmap does it, and none stops another.
+
+    Example: sixlight batch week47 -o build/week47 --jobs 4
+
+    Example: sixlight batch week47 --scheduler tcp://head:8786
+    """
+    from pipeline import batch as batches
+    from pipeline.settings import Settings
+
+    settings = Settings(face_size, preview_width, preview_samples)
+    limits = batches.limits_of(jobs, memory, time_limit)
+    planned = batches.plan(folders, out, settings)
+    if dry_run:
+        print(batches.plan_as_text(planned, limits))
+        return
+    if scheduler is None:
+        outcomes = batches.run(
+            planned, settings, limits, keep_going=keep_going, force=force, quiet=quiet
+        )
+    else:
+        from pipeline import cluster
+
+        outcomes = cluster.run(
+            scheduler, planned, settings, limits, keep_going=keep_going, force=force, quiet=quiet
+        )
+    place = batches.place_of_summary(folders, out)
+    told = batches.summary(outcomes, limits, place)
+    batches.save(told, place)
+    print(jsonlib.dumps(told, indent=2) if json else batches.as_text(outcomes))
+    raise typer.Exit(batches.status(outcomes.values()))
 
 
 @app.command()
@@ -144,8 +225,15 @@ def inspect(
         from pipeline import capture as captures
         from pipeline import noise_plot
 
-        noise_plot.draw(captures.load(capture), noise)
-    print(jsonlib.dumps(report, indent=2) if json else inspection.as_text(report))
+        report["noise"] = noise_plot.draw(captures.load(capture), noise)
+    if json:
+        print(jsonlib.dumps(report, indent=2))
+    else:
+        from rich.console import Console
+
+        print(inspection.as_text(report, Console() if sys.stdout.isatty() else None))
+        if noise is not None:
+            print(noise_plot.as_text(report["noise"]))
 
 
 @app.command()
@@ -170,19 +258,23 @@ def fit(
     lights: Annotated[Path | None, typer.Option(help="Spectra of lights to train on.")] = None,
     surfaces: Annotated[Path | None, typer.Option(help="Reflectances to train on.")] = None,
     plots: Annotated[Path | None, typer.Option(help="Folder for pictures of the fit.")] = None,
+    report: Annotated[Path | None, typer.Option(help="Page to write: FILE.html.")] = None,
     force: Force = False,
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """M_S, or M_R, from a chart session, or from known sensitivities.
 
-    Example: sixlight fit sample_captures/room/calibration -o M_S.toml --plots plots
+    Example: sixlight fit sample_captures/room/calibration -o M_S.toml --report M_S.html
     """
     from pipeline import fit_plots, fitting
+    from pipeline import report as reports
 
     name = "M_R.toml" if reflectance else "M_S.toml"
     if plots is not None:
         fit_plots.check(plots, force=force)
+    if report is not None:
+        reports.check(report, force=force)
     if calibration is None:
         if camera is None or filters is None:
             raise typer.BadParameter("give a calibration folder, or --camera with --filters")
@@ -204,6 +296,9 @@ def fit(
     if plots is not None:
         for path in fit_plots.draw(fitted, plots):
             _say(str(path), quiet)
+    if report is not None:
+        reports.store(report, fit_plots.page(fitted, out.name))
+        _say(str(report), quiet)
 
 
 @app.command()
@@ -299,6 +394,23 @@ def preview(
     else:
         for path in made.files:
             print(path)
+
+
+@app.command()
+def view(
+    envmap: Annotated[Path, typer.Argument(help="Folder or cubemap.exr `envmap` wrote.")],
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="Page to write [ENVMAP/viewer.html].")
+    ] = None,
+    force: Force = False,
+) -> None:
+    """One self-contained page that renders a finished map live in a browser.
+
+    Example: sixlight view build/room -o room.html
+    """
+    from pipeline.viewer import page
+
+    print(page.view(envmap, out, force=force))
 
 
 @app.command()
@@ -401,6 +513,8 @@ def evaluate(
     camera: Annotated[Path | None, typer.Option(help="Sensitivities R, G, B.")] = None,
     filters: Annotated[Path | None, typer.Option(help="Transmittances, with --camera.")] = None,
     pictures: Annotated[Path | None, typer.Option(help="Folder for heat maps.")] = None,
+    report: Annotated[Path | None, typer.Option(help="Page to write: FILE.html.")] = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """The paper's tables beside ours, and the tables past it.
@@ -408,7 +522,10 @@ def evaluate(
     Example: sixlight evaluate --json
     """
     from pipeline import evaluation
+    from pipeline import report as reports
 
+    if report is not None:
+        reports.check(report, force=force)
     given: dict[str, Any] = {
         "surfaces": surfaces,
         "lights": lights,
@@ -421,6 +538,9 @@ def evaluate(
     if pictures is not None:
         for path in evaluation.heat_maps(pictures, **given):
             print(path, file=sys.stderr)
+    if report is not None:
+        reports.store(report, evaluation.page(rows, **given))
+        print(report, file=sys.stderr)
 
 
 @app.command()
@@ -494,7 +614,8 @@ def spectra(
 ) -> None:
     """Spectral images to six channels, or six channels to estimated spectra.
 
-    Spectra are read and written in the OpenEXR layout of Fichet et al. 2021.
+    Spectra are read and written in the OpenEXR layout of Fichet et al. 2021. A map keeps its
+    layout: `sixlight convert` makes a latlong image the cube that `sixlight preview` lights with.
 
     Example: sixlight spectra hyperspectral.exr -o six.exr
 
@@ -589,7 +710,10 @@ def convert(
 def simulate(
     scene: Annotated[str, typer.Argument(help="What to render: room.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="Capture folder to write.")],
-    quality: Annotated[str, typer.Option(help="draft or full.")] = "full",
+    quality: Annotated[str, typer.Option(help="small, draft or full.")] = "full",
+    views: Annotated[
+        int, typer.Option(help="Photographed from so many sides; with its photographer in them.")
+    ] = 1,
     quiet: Quiet = False,
 ) -> None:
     """A capture with ground truth, rendered by Mitsuba 3.
@@ -600,8 +724,67 @@ def simulate(
     """
     from pipeline.simulate import simulate as write_capture
 
-    write_capture(scene, out, quality=quality, progress=lambda line: _say(line, quiet))
+    write_capture(scene, out, quality=quality, views=views, progress=lambda line: _say(line, quiet))
     print(out)
+
+
+@app.command()
+def verify(
+    out: Annotated[Path, typer.Argument(help="Folder `envmap` wrote to.")],
+    json: Json = False,
+) -> None:
+    """Whether a capture's photographs and results are still what they were when it was made.
+
+    Exit status 2, and a line for each file, where they are not.
+
+    Example: sixlight verify build/room
+    """
+    from pipeline import verify as verification
+
+    told = verification.verify(out)
+    if json:
+        print(jsonlib.dumps(told, indent=2))
+    elif not told["problems"]:
+        print(f"{out}: all {told['checked']} files are what they were")
+    for problem in told["problems"]:
+        print(legible(f"{out}: {problem}"), file=sys.stderr)
+    if told["problems"]:
+        raise typer.Exit(2)
+
+
+@app.command()
+def clean(
+    outs: Annotated[list[Path], typer.Argument(help="Folders `envmap` wrote to.")],
+    everything: Annotated[
+        bool, typer.Option("--all", help="All that sixlight wrote there, results too.")
+    ] = False,
+    keep: Annotated[
+        float | None,
+        typer.Option(min=0, help="GB of intermediate files to keep, of what was run last."),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Removes what steps leave each other; results stay, and stay current.
+
+    Example: sixlight clean build/room
+
+    Example: sixlight clean build --keep 20
+    """
+    from pipeline import clean as cleaning
+
+    if keep is not None and everything:
+        raise typer.BadParameter("--all, or --keep; not both")
+    cleaned = (
+        cleaning.clean(outs, everything=everything)
+        if keep is None
+        else cleaning.keep(outs, keep * 1e9)
+    )
+    if json:
+        rows = [{"out": str(c.out), "files": c.files, "bytes": c.bytes} for c in cleaned]
+        print(jsonlib.dumps(rows, indent=2))
+    else:
+        for c in cleaned:
+            print(f"{legible(str(c.out))}: {c.files} files, {c.bytes / 1e6:.1f} MB removed")
 
 
 @app.command()
@@ -614,12 +797,15 @@ def steps() -> None:
 
     for number, step in enumerate(STEPS, 1):
         each = ", for each filter" if step.for_each else ""
+        each += ", of several views only" if step.several else ""
         print(f"{number}. {step.name}: {step.about}{each}")
         print(f"     reads {', '.join(step.reads)}")
         print(f"     makes {', '.join(step.makes)}")
     print("{filter}: each filter's name; {triple}: every three channels, as in 123, 456, 78")
+    print("{view}: nothing, or of several views each one's name, in work/; {sphere}: sphere, or")
+    print("then oriented")
 
 
 def _say(text: str, quiet: bool) -> None:
     if not quiet:
-        print(text, file=sys.stderr)
+        print(legible(text), file=sys.stderr)

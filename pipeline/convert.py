@@ -118,12 +118,13 @@ def convert(
         raise fault(f"{rows} texels along a face", "a power of two for mips", "give --size", out)
     made = _resampled(measured, projection, PROJECTIONS[target.projection], rows, rotated)
     notes = list(image.notes)
+    closed = None
     if filled or engine:
-        holes = float(np.mean(made.valid < 1))
+        closed = _holes(made, PROJECTIONS[target.projection], rows)
         made = _filled(made, measured, projection, PROJECTIONS[target.projection], rows, rotated)
-        if holes > 0 and target.projection not in ("mirrorball", "angular"):
-            notes.append(f"{holes:.2%} of the pixels were not wholly known; they are filled")
-    header = _header(image, source, target, rotated, preset)
+        if closed > 0:
+            notes.append(f"{closed:.2%} of all directions were not known; they are filled smoothly")
+    header = _header(image, source, target, rotated, preset, closed)
     with_errors = not (filled or engine) and (image.errors or not made.valid.all())
     # Engines look for R, G and B; which channels those are, the header says.
     names = tuple("RGB") if engine else image.names
@@ -464,6 +465,13 @@ def _resampled(
     return resample(measured, source, target, rows, rotation=turn)
 
 
+def _holes(made: Measured, projection: Projection, rows: int) -> float:
+    """The share of all directions of which nothing is known."""
+    angles = np.broadcast_to(projection.solid_angles(rows), made.valid.shape)
+    share = float((angles * (1.0 - made.valid)).sum() / angles.sum())
+    return share if share > 1e-6 else 0.0
+
+
 def _filled(
     made: Measured, measured: Measured, source: Projection, target: Projection, rows: int, turn
 ) -> Measured:
@@ -484,7 +492,10 @@ def _filled(
     return Measured(values, np.full_like(values, np.nan), np.ones(values.shape[:-1], np.float32))
 
 
-def _header(image: _Image, source: Path, target: _Target, turn, preset: str | None):
+def _header(
+    image: _Image, source: Path, target: _Target, turn, preset: str | None, closed: float | None
+):
+    """What the file says of itself; `closed` is the share of directions that was filled."""
     orientation = _ORIENTATION[target.layout]
     if preset is not None:
         orientation += f"; turned for {preset}: the centre is {PRESETS[preset].centre}"
@@ -499,7 +510,9 @@ def _header(image: _Image, source: Path, target: _Target, turn, preset: str | No
         "orientation": orientation,
         "channels": " ".join(image.names),
     }
-    about.pop("filled", None)
+    # A map that came filled stays so. One with holes says nothing of it until they are closed.
+    if closed:
+        about["filled"] = f"holes are filled smoothly, {closed:.2%} of all directions"
     whole = turn @ earlier
     if not np.allclose(whole, np.eye(3)):
         about["turned"] = " ".join(f"{v:.9g}" for v in whole.ravel())
@@ -569,5 +582,6 @@ def _write_exr(path: Path, part: Measured, names, header, *, with_errors: bool) 
 
 
 def _write_rgb(path: Path, part: Measured, header: Mapping[str, str]) -> None:
-    about = "; ".join(f"{k}: {header[k]}" for k in ("layout", "orientation", "channels"))
+    told = [k for k in ("layout", "orientation", "channels", "filled") if k in header]
+    about = "; ".join(f"{k}: {header[k]}" for k in told)
     io.write_rgb(path, np.nan_to_num(part.values, nan=0.0), about)

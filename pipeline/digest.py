@@ -8,7 +8,7 @@ import hashlib
 import importlib.util
 import inspect
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -23,6 +23,20 @@ def of_file(path: Path) -> str:
     """SHA-256 of a file's content, in hex."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def changed(inputs: Mapping[str, str], folders: Iterable[Path]) -> list[str]:
+    """Which of the files something was made from are no longer what they were.
+
+    inputs   name, relative to a folder, to SHA-256
+    folders  where they may lie; only text is looked at, which people correct, not photographs
+    """
+    return sorted(
+        name
+        for name, expected in inputs.items()
+        if Path(name).suffix in (".csv", ".toml")
+        and any((f / name).is_file() and of_file(f / name) != expected for f in folders)
+    )
 
 
 def of_values(values: Any) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from calibration.errors import InputError, Problem, fault
 
-__all__ = ["InputError", "Problem", "fault", "storing"]
+__all__ = ["InputError", "Problem", "fault", "reading", "storing"]
 
 # What the operating system says when a place cannot take a file, and what the user can do.
 _STORAGE = {
@@ -24,6 +24,18 @@ _STORAGE = {
     errno.EISDIR: ("a folder stands where a file is needed", "remove it or choose another -o"),
     errno.ENAMETOOLONG: ("the name is too long", "choose a shorter one with -o"),
 }
+
+
+@contextmanager
+def reading(file: str | Path) -> Iterator[None]:
+    """Turns the operating system's refusal to read a file of the user's into an InputError."""
+    try:
+        yield
+    except OSError as error:
+        found = (error.strerror or "cannot be read").lower()
+        raise fault(
+            found, "a file that can be read", "put it back, or correct its permissions", file
+        ) from error
 
 
 @contextmanager

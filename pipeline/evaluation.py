@@ -59,13 +59,24 @@ def heat_maps(
     The folder is made; the arguments are those of `evaluate`. Where several sets of surfaces
     would be tried, the ColorChecker is.
     """
-    given = _given(surfaces, lights, primaries, camera, filters)
-    pictures = tables.pictures(**given)
+    pictures = tables.pictures(**_given(surfaces, lights, primaries, camera, filters))
     with storing(folder):
         folder.mkdir(parents=True, exist_ok=True)
     for name, picture in zip(PICTURES, pictures, strict=True):
-        _draw(folder / name, picture)
+        _store(folder / name, heat_map(picture))
     return [folder / name for name in PICTURES]
+
+
+def page(rows: Iterable[Mapping[str, Any]], **given: Any) -> str:
+    """The tables and their heat maps as one HTML page; `given` as for `evaluate`."""
+    from pipeline import report
+
+    return report.render(
+        "tables.html",
+        title="Colour accuracy",
+        sections=tables.sections(tables.Row(**row) for row in rows),
+        pictures=[report.svg(heat_map(p)) for p in tables.pictures(**_given(**given))],
+    )
 
 
 def rank_filters(
@@ -179,17 +190,10 @@ def _at(path: Path, read):
 # ---- pictures
 
 
-def _draw(path: Path, picture: tables.Picture) -> None:
-    """A heat map as PNG, whole or not at all."""
-    try:
-        from matplotlib.figure import Figure  # the extra `report`
-    except ImportError:
-        raise fault(
-            "matplotlib is not installed",
-            "the extra `report`",
-            "pip install 'sixlight[plots]', or leave the pictures out",
-            path,
-        ) from None
+def heat_map(picture: tables.Picture):
+    """A matplotlib figure of the mean CIEDE2000 of each method, a row, under each light."""
+    from matplotlib.figure import Figure
+
     rows, columns = picture.means.shape
     figure = Figure(figsize=(3.5 + 0.32 * columns, 2.2 + 0.3 * rows), layout="constrained")
     axes = figure.subplots()
@@ -202,6 +206,11 @@ def _draw(path: Path, picture: tables.Picture) -> None:
         axes.text(column, row, f"{value:.1f}", ha="center", va="center", fontsize=6, color=shade)
     axes.set_title(picture.title, fontsize=9)
     figure.colorbar(image, label="mean CIEDE2000", extend="max")
+    return figure
+
+
+def _store(path: Path, figure) -> None:
+    """A figure as PNG, whole or not at all."""
     beside = path.with_name(f".{path.name}.unfinished")
     try:
         with storing(path):

@@ -1,12 +1,9 @@
-"""Pictures of a fit: where colours are off, what the curves became, what noise becomes.
-
-They need matplotlib, of the extra `plots`.
-"""
+"""Pictures of a fit: where colours are off, what the curves became, what noise becomes."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -38,17 +35,6 @@ _GREY_AB = 6.0  # chroma below which a patch is meant to be grey
 def check(folder: Path, *, force: bool) -> None:
     """Raises InputError, before any work, if the pictures could not be drawn into the folder."""
     problems = []
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError:
-        problems.append(
-            Problem(
-                "matplotlib is not installed",
-                "the extra `plots`",
-                "pip install 'sixlight[plots]', or leave --plots out",
-                folder,
-            )
-        )
     for path in (folder / name for name in PICTURES):
         if path.exists() and not force and not _is_ours(path):
             problems.append(
@@ -70,14 +56,25 @@ def draw(fitted: Fitted, folder: Path) -> list[Path]:
     """
     with storing(folder):
         folder.mkdir(parents=True, exist_ok=True)
+    drawn = figures(fitted)
+    for name, figure in drawn.items():
+        _store(folder / name, figure)
+    return [folder / name for name in drawn]
+
+
+def figures(fitted: Fitted) -> dict[str, Any]:
+    """The same as matplotlib figures, by file name."""
     off = fitted.residuals
-    drawn: list[tuple[str, Callable[[], Any]]] = []
-    if off is not None:
-        drawn += [(DELTA_E, lambda: _delta_e(fitted, off)), (COLOURS, lambda: _colours(off))]
-    drawn += [(CURVES, lambda: _curves(fitted)), (NOISE, lambda: _noise(fitted))]
-    for name, figure in drawn:
-        _store(folder / name, figure())
-    return [folder / name for name, _ in drawn]
+    of_chart = {} if off is None else {DELTA_E: _delta_e(fitted, off), COLOURS: _colours(off)}
+    return {**of_chart, CURVES: _curves(fitted), NOISE: _noise(fitted)}
+
+
+def page(fitted: Fitted, title: str) -> str:
+    """A report of a fit, its pictures among its figures, as HTML."""
+    from pipeline import report
+
+    pictures = [report.svg(figure) for figure in figures(fitted).values()]
+    return report.render("fit.html", title=title, fitted=fitted, pictures=pictures)
 
 
 def _is_ours(path: Path) -> bool:
@@ -320,6 +317,7 @@ def _singular_values(axes, signals: NDArray[np.float64], noise_level: float) -> 
             1.0, 0.85 * noise_level, f"noise that the fit expects, {100 * noise_level:g} %",
             fontsize=7, va="top",
         )  # fmt: skip
+    axes.yaxis.set_major_formatter("{x:g}")
     axes.set_xticks(range(1, len(values) + 1))
     axes.set_xlabel("direction in the bands, strongest first", fontsize=8)
     axes.set_ylabel("rms signal along it (each band 1)", fontsize=8)

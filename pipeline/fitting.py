@@ -22,6 +22,8 @@ from pipeline.progress import Progress
 from pipeline.session import Light, Session, read_session
 from stages.demosaic import demosaic
 from stages.merge import merge
+from stages.scale import Lights, scale
+from stages.scale import warnings as warnings_of_scale
 from stages.types import Measured
 
 
@@ -70,8 +72,10 @@ def from_session(
     wanted, method  primaries and method; None takes the folder's own choice
     reflectance     M_R: signals and readings over those of the chart's brightest patch
 
-    A patch that clips or is uneven under a light is left out there, and the figures' `left_out`
-    names it. InputError lists everything wrong with the folder's files at once.
+    What the shutter's tags stand for is judged once, by the brackets of all lights and filters; the
+    figures' `notes` say where they do not tell. A patch that clips or is uneven under a light is
+    left out there, and the figures' `left_out` names it. InputError lists everything wrong with the
+    folder's files at once.
     """
     session = read_session(folder)
     if wanted is not None:
@@ -82,13 +86,14 @@ def from_session(
     shots = _shots(session)
     names = charts.CHARTS[session.chart]
     progress = Progress(len(session.lights), quiet=quiet)
-    signals: dict[str, np.ndarray] = {}
-    variances: dict[str, np.ndarray] = {}
+    seen: dict[str, _Seen] = {}
     left_out: list[str] = []
     for light in session.lights:
         with progress.step(light.name, f"{len(names)} patches"):
-            seen = _seen(session, light, shots, left_out)
-        signals[light.name], variances[light.name] = seen
+            seen[light.name] = _seen(session, light, shots, left_out)
+    seen, notes = _on_one_scale(seen, session.filters)
+    signals = {light: one.signals for light, one in seen.items()}
+    variances = {light: one.variances for light, one in seen.items()}
     fitted = fit.reflectance_from_chart if reflectance else fit.from_chart
     try:
         transform = fitted(
@@ -106,10 +111,13 @@ def from_session(
         raise InputError(
             replace(problem, remedy="; ".join([problem.remedy, *left_out])) for problem in problems
         ) from None
+    if not reflectance:
+        whole = np.concatenate(list(signals.values()))
+        transform = replace(transform, signals=whole[np.isfinite(whole).all(axis=1)])
     spectra = {light.name: light.radiance.values.T for light in session.lights}
     chart = residuals.Chart.of(signals, spectra, names)
     return Fitted(
-        replace(transform, figures={**transform.figures, "left_out": left_out}),
+        replace(transform, figures={**transform.figures, "left_out": left_out, "notes": notes}),
         target,
         chart=chart.over_white() if reflectance else chart,
     )
@@ -228,6 +236,7 @@ def as_text(fitted: Fitted, path: Path) -> str:
         lines += _choice(figures["chosen"])
     lines.append(f"  condition of the bands: {figures['condition']:.0f}")
     lines += [f"  left out: {what}" for what in figures.get("left_out", [])]
+    lines += [f"  note: {what}" for what in figures.get("notes", [])]
     lines += [f"  to measure again: {what} dE2000" for what in figures.get("remeasure", [])]
     return "\n".join(lines)
 
@@ -311,9 +320,11 @@ def _shots(session: Session) -> Mapping[tuple[str, ...], Sequence[io.Shot]]:
     return shots
 
 
-def _photograph(shots: Sequence[io.Shot]) -> Measured:
+def _photograph(shots: Sequence[io.Shot]) -> tuple[Measured, Lights]:
+    """One bracket as an image of three colours, and the light of its exposures."""
     try:
-        return demosaic(merge(Bracket.of(shots)))
+        merged = merge(Bracket.of(shots))
+        return demosaic(merged), Lights.of(merged)
     except InputError as error:
         raise error.at(shots[0].path.parent) from None
 
@@ -325,10 +336,47 @@ def _found(images: Sequence[Measured], light: Light, kind: str) -> charts.Patche
         raise error.at(light.radiance_csv.parent) from None
 
 
-def _seen(session: Session, light: Light, shots, left_out: list[str]):
-    """Mean signals (n, B) of the patches under a light, and the variance of those means."""
+@dataclass(frozen=True)
+class _Seen:
+    """The chart under a light, each bracket on a scale of its own.
+
+    signals, variances  (n, B) means of the patches, and variances of those means
+    exposed             of the chart's bracket through each filter
+    of_white            of the white's; empty where there is none
+    """
+
+    signals: NDArray[np.float64]
+    variances: NDArray[np.float64]
+    exposed: tuple[Lights, ...]
+    of_white: tuple[Lights, ...]
+
+
+def _on_one_scale(
+    seen: Mapping[str, _Seen], filters: Sequence[str]
+) -> tuple[dict[str, _Seen], list[str]]:
+    """The same on one scale for the camera, and what of it is in doubt.
+
+    A white has no scale, as only its shading counts; but its exposures tell of the shutter too.
+    """
+    names = [f"{light} through {name}" for light in seen for name in filters]
+    names += [f"the white of {light} through {f}" for light in seen for f in filters]
+    charts_of = [one for of in seen.values() for one in of.exposed]
+    found = scale([*charts_of, *(one for of in seen.values() for one in of.of_white)])
+    factors = np.reshape(found.factors[: len(charts_of)], (len(seen), len(filters)))
+    scaled = {
+        light: replace(of, signals=of.signals * factor, variances=of.variances * factor**2)
+        for (light, of), factor in zip(seen.items(), np.repeat(factors, 3, axis=1), strict=True)
+    }
+    remedy = "use the same shutter times for all, or three of them through one filter"
+    return scaled, warnings_of_scale(found, names[: len(found.factors)], remedy)
+
+
+def _seen(session: Session, light: Light, shots, left_out: list[str]) -> _Seen:
     try:
-        images = [_photograph(shots[light.name, name]) for name in session.filters]
+        images, exposed = zip(
+            *(_photograph(shots[light.name, name]) for name in session.filters), strict=True
+        )
+        of_white: tuple[Lights, ...] = ()
         patches = session.patches or _found(images, light, session.chart)
         seen = [
             charts.patch_signals(image.values, image.valid, patches, image.variance)
@@ -340,11 +388,14 @@ def _seen(session: Session, light: Light, shots, left_out: list[str]):
             left_out += _left_out(of_filter, patches.names, f"under {light.name} through {name}")
         _check_order(signals, patches, light, by_itself=session.patches is None)
         if light.white:
-            whites = [_photograph(shots[light.name, name, "white"]) for name in session.filters]
+            whites, of_white = zip(
+                *(_photograph(shots[light.name, name, "white"]) for name in session.filters),
+                strict=True,
+            )
             shade = [charts.shading(white.values, white.valid, patches) for white in whites]
             shares = np.repeat(np.stack(shade, axis=1), 3, axis=1)
             signals, variances = signals / shares, variances / shares**2
-        return signals, variances
+        return _Seen(signals, variances, exposed, of_white)
     except InputError as error:
         raise error.at(light.radiance_csv.parent) from None
 
@@ -417,8 +468,9 @@ def _store(path: Path, text: str) -> None:
     """Writes a text file beside its place, then moves it there."""
     beside = path.with_name(f".{path.name}.unfinished")
     try:
-        io.write_text(beside, text)
         with storing(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            io.write_text(beside, text)
             os.replace(beside, path)
     finally:
         beside.unlink(missing_ok=True)

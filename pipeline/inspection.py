@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import itertools
+from concurrent.futures import ThreadPoolExecutor
+from io import StringIO
+from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pipeline import capture as captures
 from pipeline import io
+from pipeline.report import shutter
 from stages.develop import develop
+from stages.merge import workers
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 
 def inspect(folder: Path) -> dict[str, Any]:
@@ -23,22 +31,8 @@ def inspect(folder: Path) -> dict[str, Any]:
     filters = []
     advice = []
     for f in loaded.filters:
-        exposures = []
-        for shot in sorted(f.shots, key=lambda s: s.time_s * s.iso / s.f_number**2):
-            frame = io.read_frame(
-                shot.path, time_s=shot.time_s, iso=shot.iso, f_number=shot.f_number
-            )
-            exposure = develop(frame)
-            exposures.append(
-                {
-                    "file": shot.path.name,
-                    "time_s": shot.time_s,
-                    "iso": shot.iso,
-                    "f_number": shot.f_number,
-                    "clipped": float(1.0 - exposure.usable.mean()),
-                    "lit": float(np.mean(exposure.mosaic > 0.01)),
-                }
-            )
+        with io.quiet_libraw(), ThreadPoolExecutor(workers()) as pool:
+            exposures = list(pool.map(_exposure, sorted(f.shots, key=attrgetter("light"))))
         filters.append({"name": f.name, "exposures": exposures})
         advice += _advice(f.name, exposures)
     first = loaded.shots[0]
@@ -54,19 +48,32 @@ def inspect(folder: Path) -> dict[str, Any]:
     }
 
 
+def _exposure(shot: io.Shot) -> dict[str, Any]:
+    given = {"time_s": shot.time_s, "iso": shot.iso, "f_number": shot.f_number}
+    with io.opened_frame(shot.path, **given) as frame:
+        developed = develop(frame)
+    return {
+        "file": shot.path.name,
+        **given,
+        "clipped": float(1.0 - developed.usable.mean()),
+        "lit": float(np.mean(developed.mosaic > 0.01)),
+    }
+
+
 def _advice(name: str, exposures) -> list[str]:
     shortest, longest = exposures[0], exposures[-1]
     advice = []
     if shortest["clipped"] > 0:
         share = shortest["clipped"]
         advice.append(
-            f"{name}: {share:.2%} of the shortest exposure clips; "
-            f"add one of {_shutter(shortest['time_s'] / 4)}"
+            f"{name}: the shortest exposure, {shutter(shortest['time_s'])}, still clips {share:.2%}"
+            f" of the picture: add {shutter(shortest['time_s'] / 4)}"
         )
     if longest["lit"] < 1 - 0.25:
         advice.append(
-            f"{name}: {1 - longest['lit']:.0%} of the longest exposure lies under 1 % of full "
-            f"scale; add one of {_shutter(longest['time_s'] * 4)}"
+            f"{name}: {1 - longest['lit']:.0%} of the longest exposure,"
+            f" {shutter(longest['time_s'])}, lies under 1 % of full scale:"
+            f" add {shutter(longest['time_s'] * 4)}"
         )
     for a, b in itertools.pairwise(exposures):
         ratio = b["time_s"] * b["iso"] / b["f_number"] ** 2
@@ -79,25 +86,45 @@ def _advice(name: str, exposures) -> list[str]:
     return advice
 
 
-def _shutter(time_s: float) -> str:
-    return f"1/{1 / time_s:.0f} s" if time_s < 0.4 else f"{time_s:.2g} s"
+def as_text(report: dict[str, Any], console: Console | None = None) -> str:
+    """The report for people, as wide as their terminal, in colours where there is one.
 
+    console  that the text is for; None: a plain one of a hundred characters
+    """
+    from rich.console import Console, Group
+    from rich.table import Table
+    from rich.text import Text
 
-def as_text(report: dict[str, Any]) -> str:
-    """The report for people."""
+    console = console or Console(width=100, no_color=True, file=StringIO())
     width, height = report["size"]
-    lines = [
-        report["name"],
-        f"camera {report['camera']}, {width} x {height} px, {report['cfa']}",
-        f"calibration {report['calibration'] or 'none: the camera bands will be written'}",
+    calibration = report["calibration"] or "none: the camera's bands will be written, not light"
+    parts: list[Any] = [
+        Text(report["name"], style="bold"),
+        Text(
+            f"{report['camera']}, {width} x {height} px, {report['cfa']}; calibration {calibration}"
+        ),
     ]
     for f in report["filters"]:
-        lines.append(f"{f['name']}:")
-        lines += [
-            f"  {e['file']:<24} {_shutter(e['time_s']):>10}  ISO {e['iso']:<5g} "
-            f"f/{e['f_number']:<4g} clipped {e['clipped']:7.2%}  lit {e['lit']:7.2%}"
-            for e in f["exposures"]
-        ]
-    lines += [f"note: {note}" for note in report["notes"]]
-    lines += [f"advice: {text}" for text in report["advice"]]
-    return "\n".join(lines)
+        table = Table(title=Text(f["name"], style="bold"), title_justify="left", box=None)
+        table.add_column("file", overflow="fold")
+        for head in ("time", "ISO", "f/", "clipped", "lit"):
+            table.add_column(head, justify="right")
+        for k, e in enumerate(f["exposures"]):
+            lost = k == 0 and e["clipped"] > 0
+            table.add_row(
+                Text(e["file"]),
+                shutter(e["time_s"]),
+                f"{e['iso']:g}",
+                f"{e['f_number']:g}",
+                Text(f"{e['clipped']:.2%}", style="yellow" if lost else ""),
+                f"{e['lit']:.2%}",
+            )
+        parts += ["", table]
+    parts.append(Text("clipped: saturated; lit: above a hundredth of full scale", style="dim"))
+    parts += [Text(f"note: {note}", style="yellow") for note in report["notes"]]
+    parts += [Text(f"advice: {text}", style="yellow") for text in report["advice"]]
+    if not report["notes"] and not report["advice"]:
+        parts.append(Text("nothing is missing", style="green"))
+    with console.capture() as captured:
+        console.print(Group(*parts))
+    return captured.get().rstrip("\n")

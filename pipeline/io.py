@@ -11,7 +11,7 @@ import math
 import os
 import re
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
@@ -22,7 +22,9 @@ import numpy as np
 
 from calibration import icc
 from calibration.display import SRGB, Display, decode
+from pipeline import tiff
 from pipeline.errors import InputError, Problem, fault, storing
+from stages.lost import Saturated
 from stages.scale import Lights
 from stages.types import Frame, Measured, Radiance
 
@@ -40,6 +42,7 @@ class Shot:
                      as tagged, or as given for the file
     focal_length_mm, pixel_pitch_um
                      None where the file does not say
+    focus_m          distance focused at, infinity included; None where the file does not say
     """
 
     path: Path
@@ -53,8 +56,15 @@ class Shot:
     pixel_pitch_um: float | None
     iso_missing: bool = False
     f_number_missing: bool = False
+    focus_m: float | None = None
+
+    @property
+    def light(self) -> float:
+        """What the exposure took in: time_s * ISO/100 / f_number^2."""
+        return self.time_s * self.iso / 100.0 / self.f_number**2
 
 
+_MOST_PIXELS = 400_000_000
 _SIDECARS = {".toml", ".csv", ".txt", ".md", ".xmp", ".pp3", ".json", ".thm", ".ini"}
 
 
@@ -67,12 +77,23 @@ def photographs(paths: Iterable[Path]) -> list[Path]:
     )
 
 
+def _utf8(path: Path) -> str:
+    """A path as LibRaw and OpenImageIO take it, whatever the locale; InputError where it is none.
+
+    Python holds bytes of names that the locale has no letters for in a form of its own.
+    """
+    try:
+        return os.fsencode(path).decode()
+    except UnicodeDecodeError as error:
+        raise fault("its name is not UTF-8", "a name in UTF-8", "rename it", path) from error
+
+
 def is_raw(path: Path) -> bool:
     """Whether LibRaw recognises the file."""
     import rawpy
 
     try:
-        with rawpy.imread(str(path)):
+        with rawpy.imread(_utf8(path)):
             return True
     except (rawpy.LibRawError, OSError):
         return False
@@ -85,36 +106,50 @@ def read_shots(
     iso: float | None = None,
     f_number: float | None = None,
 ) -> tuple[list[Shot], list[Problem]]:
-    """The headers of several raw files, and everything that is wrong with any of them.
+    """The headers of several raw files of a kind, and everything that is wrong with any of them.
 
     Values given, times_s one for each file, take the place of the files' own.
     """
     times: Sequence[float | None] = times_s or [None] * len(paths)
     problems: list[Problem] = []
-    shots = []
-    with _quiet_libraw(), ThreadPoolExecutor() as pool:
-        pending = [
-            pool.submit(read_shot, path, time_s=time_s, iso=iso, f_number=f_number)
-            for path, time_s in zip(paths, times, strict=True)
-        ]
-        for one in pending:
-            try:
-                shots.append(one.result())
-            except InputError as error:
-                problems += error.problems
+    shots: list[Shot] = []
+
+    def read(path: Path, time_s: float | None) -> Shot | InputError:
+        like = shots[0] if shots else None
+        try:
+            return read_shot(path, time_s=time_s, iso=iso, f_number=f_number, like=like)
+        except InputError as error:
+            return error
+
+    pending = list(zip(paths, times, strict=True))
+    with quiet_libraw(), ThreadPoolExecutor() as pool:
+        while pending:
+            # One at a time until there is one for the others to be like, then those side by side.
+            now, pending = (pending, []) if shots else (pending[:1], pending[1:])
+            for one in pool.map(read, *zip(*now, strict=True)):
+                if isinstance(one, InputError):
+                    problems += one.problems
+                else:
+                    shots.append(one)
     return shots, problems
 
 
 @contextmanager
-def _quiet_libraw() -> Iterator[None]:
-    """Keeps LibRaw, which prints what it thinks of damaged files itself, off stderr."""
-    sys.stderr.flush()
+def quiet_libraw() -> Iterator[None]:
+    """Keeps LibRaw, which prints what it thinks of damaged files itself, off stderr.
+
+    What Python prints there meanwhile, of progress, still comes through.
+    """
+    ours = sys.stderr
+    ours.flush()
     kept = os.dup(2)
     nowhere = os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(nowhere, 2)
-        yield
+        with os.fdopen(os.dup(kept), "w", encoding=ours.encoding, errors="replace") as sys.stderr:
+            yield
     finally:
+        sys.stderr = ours
         os.dup2(kept, 2)
         os.close(kept)
         os.close(nowhere)
@@ -126,16 +161,34 @@ def read_shot(
     time_s: float | None = None,
     iso: float | None = None,
     f_number: float | None = None,
+    like: Shot | None = None,
 ) -> Shot:
     """Reads a raw file's header. Values given take the place of the file's own.
 
-    LibRaw decodes the samples on the way, so a damaged file is known here already.
-    InputError where it is no complete raw file, has no Bayer pattern, or no known exposure time.
+    like    a photograph of the same camera and size, whose CFA pattern this one then has too
+    raises  InputError where it is no complete raw file, has no Bayer pattern, or no known exposure
+            time
+
+    The pattern, and what tags leave out, LibRaw tells only of samples it has decoded. That takes a
+    hundred times as long as all else, so it is done where there is nothing to be like, where tags
+    leave something out, and where the file does not say how long it is, or is shorter: such a file
+    is found to be damaged here. One whose data are wrong within is found when it is merged.
     """
     with _opened(path) as raw:
-        cfa = _cfa(raw, path)
+        tags = _tags(path)
         size = (raw.sizes.height, raw.sizes.width)
-        other, tags = raw.other, _tags(path)
+        camera = " ".join(str(tags.get(k, "")) for k in ("Make", "Model")).strip()
+        if (
+            like is not None
+            and (camera, size) == (like.camera, like.size)
+            and _says_all(tags, time_s, iso, f_number)
+            and _has_all_data(path)
+        ):
+            cfa, other = like.cfa, None
+        else:
+            _unpack(raw, path)
+            cfa = "".join("RGB"[c] for c in _cfa(raw, path).ravel())
+            other = raw.other
         time_s = time_s or _tagged_time(tags, other)
         if time_s is None:
             raise fault(
@@ -144,24 +197,27 @@ def read_shot(
                 "list times_s under [[filter]] in capture.toml",
                 path,
             )
-        iso = iso or _positive(other.iso_speed) or _positive(tags.get("ISOSpeedRatings"))
-        f_number = (
-            f_number
-            or _positive(tags.get("FNumber"))
-            or (None if "FNumber" in tags else _positive(other.aperture))
-        )
+        iso = iso or _tagged_iso(tags)
+        f_number = f_number or _positive(tags.get("FNumber"))
+        focal_length_mm = _positive(tags.get("FocalLength"))
+        if other is not None:
+            iso = iso or _positive(other.iso_speed)
+            focal_length_mm = focal_length_mm or _positive(other.focal_length)
+            if "FNumber" not in tags:
+                f_number = f_number or _positive(other.aperture)
         return Shot(
             path=path,
             size=size,
-            cfa="".join("RGB"[c] for c in cfa.ravel()),
-            camera=" ".join(str(tags.get(k, "")) for k in ("Make", "Model")).strip(),
+            cfa=cfa,
+            camera=camera,
             time_s=time_s,
             iso=iso or 100.0,
             f_number=f_number or 1.0,
-            focal_length_mm=_positive(other.focal_length) or _positive(tags.get("FocalLength")),
+            focal_length_mm=focal_length_mm,
             pixel_pitch_um=_pixel_pitch_um(tags),
             iso_missing=iso is None,
             f_number_missing=f_number is None,
+            focus_m=_focus_m(tags),
         )
 
 
@@ -172,10 +228,13 @@ def opened_frame(path: Path, *, time_s: float, iso: float, f_number: float) -> I
     Its samples lie in LibRaw's memory and are gone with the context.
     """
     with _opened(path) as raw:
+        _unpack(raw, path)
         cfa = _cfa(raw, path)
         # Both levels are numbered as the pattern is, where the second green is colour 3.
-        pattern = np.asarray(raw.raw_pattern)
+        pattern = _visible_pattern(raw)
         black = np.asarray(raw.black_level_per_channel, np.float64)[pattern]
+        if np.ptp(black):
+            black = _where_libraw_begins(black, path)
         per_channel = raw.camera_white_level_per_channel
         white = np.asarray(per_channel or [raw.white_level] * 4, np.float64)
         white = np.where(white > 0, white, raw.white_level)[pattern]
@@ -205,8 +264,7 @@ class _opened:  # noqa: N801 - used as a context manager, like open()
         import rawpy
 
         try:
-            self.raw = rawpy.imread(str(self.path))
-            self.raw.unpack()  # rawpy would at the first look at anything of the file
+            self.raw = rawpy.imread(_utf8(self.path))
         except rawpy.LibRawFileUnsupportedError as error:
             raise fault(
                 "not a raw file LibRaw can read",
@@ -216,10 +274,29 @@ class _opened:  # noqa: N801 - used as a context manager, like open()
             ) from error
         except (rawpy.LibRawError, OSError) as error:
             raise _damaged(self.path, error) from error
+        sizes = self.raw.sizes
+        if sizes.raw_width * sizes.raw_height > _MOST_PIXELS:  # before anything that large is held
+            self.raw.close()
+            raise fault(
+                f"claims {sizes.raw_width} x {sizes.raw_height} pixels",
+                f"at most {_MOST_PIXELS / 1e6:.0f} million, more than any camera has",
+                "copy the file again from the camera",
+                self.path,
+            )
         return self.raw
 
     def __exit__(self, *_):
         self.raw.close()
+
+
+def _unpack(raw, path: Path) -> None:
+    """Decodes the samples, as rawpy would by itself at the first look at almost anything."""
+    import rawpy
+
+    try:
+        raw.unpack()
+    except rawpy.LibRawError as error:
+        raise _damaged(path, error) from error
 
 
 def _damaged(path: Path, error: Exception):
@@ -231,13 +308,13 @@ def _damaged(path: Path, error: Exception):
 
 def _cfa(raw, path: Path):
     """The (2, 2) CFA pattern with colours 0 1 2; refused where there is no Bayer pattern."""
-    pattern = raw.raw_pattern
+    pattern = _visible_pattern(raw)
     if pattern is None or raw.raw_type.name != "Flat":
         found = "no colour filter array (linear DNG, Foveon or a rendered image)"
     elif np.shape(pattern) != (2, 2):
         found = f"a {np.shape(pattern)[0]} x {np.shape(pattern)[1]} colour filter array (X-Trans?)"
     else:
-        letters = np.array(list(raw.color_desc.decode()))[np.asarray(pattern)]
+        letters = np.array(list(raw.color_desc.decode()))[pattern]
         if sorted(letters.ravel()) == sorted("RGGB"):
             return np.array([["RGB".index(c) for c in row] for row in letters])
         found = f"colour filters {''.join(letters.ravel())}"
@@ -249,15 +326,65 @@ def _cfa(raw, path: Path):
     )
 
 
+def _visible_pattern(raw):
+    """LibRaw's numbers of the colours from the first visible pixel on; None where there are none.
+
+    rawpy has them from the first pixel of all, and some cameras have masked borders of odd width.
+    """
+    try:
+        pattern = raw.raw_pattern
+    except NotImplementedError:  # what rawpy says of patterns no camera has
+        return None
+    if pattern is None:
+        return None
+    margins = raw.sizes.top_margin, raw.sizes.left_margin
+    return np.roll(pattern, [-n for n in margins], axis=(0, 1))
+
+
+def _where_libraw_begins(black, path: Path):
+    """Black levels (2, 2) of a DNG that differ by CFA position, from the first visible pixel on.
+
+    They are written down from the active area's first pixel on. Where that is an odd one LibRaw
+    leaves it out, but takes the levels as if it had not.
+    """
+    with path.open("rb") as file:
+        begins = tiff.active_area(tiff.directories(file)) or (0, 0)
+    return np.roll(black, [n % 2 for n in begins], axis=(0, 1))
+
+
+def _has_all_data(path: Path) -> bool:
+    """Whether the file is as long as its directories say; false also where they do not say."""
+    with path.open("rb") as file:
+        end = tiff.data_end(tiff.directories(file))
+    return end is not None and end <= path.stat().st_size
+
+
+def _says_all(tags: Mapping[str, Any], time_s, iso, f_number) -> bool:
+    """Whether nothing needs to be asked of LibRaw, given what the user has said."""
+    return bool(
+        (time_s or "ExposureTime" in tags)
+        and (iso or _tagged_iso(tags))
+        and (f_number or "FNumber" in tags)
+    )
+
+
 def _tags(path: Path) -> dict[str, Any]:
-    """EXIF metadata, a number or text a tag; empty where the file has none that is known."""
+    """EXIF metadata, a number or text a tag; empty where the file has none that is known.
+
+    Tags of the maker's own are named "MakerNote ...".
+    """
     import logging
 
     import exifread
 
     logging.getLogger("exifread").setLevel(logging.CRITICAL)  # what is no EXIF is not news here
     with path.open("rb") as file:
-        read = exifread.process_file(file, details=False)
+        try:
+            read = exifread.process_file(file, extract_thumbnail=False)
+        except (
+            Exception
+        ):  # of makers' notes, which are undocumented and followed wherever they lead
+            read = exifread.process_file(file, details=False)
     tags = {}
     for name, tag in read.items():
         values = getattr(tag, "values", None)
@@ -265,6 +392,8 @@ def _tags(path: Path) -> dict[str, Any]:
             values = values[0] if values else None
         if name.startswith(("EXIF ", "Image ")):
             tags[name.split(" ", 1)[1]] = values
+        elif name.startswith("MakerNote "):
+            tags[name] = values
     return tags
 
 
@@ -277,6 +406,12 @@ def _positive(value: Any) -> float | None:
     return value if math.isfinite(value) and value > 0 else None
 
 
+def _tagged_iso(tags: Mapping[str, Any]) -> float | None:
+    """None also for 65535, by which a tag of 16 bits says that it is too small."""
+    iso = _positive(tags.get("ISOSpeedRatings"))
+    return None if iso == 65535 else iso
+
+
 def _tagged_time(tags: Mapping[str, Any], other) -> float | None:
     if "ExposureTime" in tags:
         return _positive(tags["ExposureTime"])
@@ -284,6 +419,22 @@ def _tagged_time(tags: Mapping[str, Any], other) -> float | None:
     if _positive(other.iso_speed) is None and other.shutter_speed == 1.0:
         return None
     return _positive(other.shutter_speed)
+
+
+def _focus_m(tags: Mapping[str, Any]) -> float | None:
+    """SubjectDistance of EXIF, or of Canon's shot information, cm, or Nikon's ManualFocusDistance.
+
+    All are 0 where it is unknown, and the largest number, or nearly, where it is infinity.
+    """
+    for name, unit_m, infinity in (
+        ("SubjectDistance", 1.0, 1e6),
+        ("MakerNote SubjectDistance", 0.01, 300.0),
+        ("MakerNote ManualFocusDistance", 1.0, 1e6),
+    ):
+        distance = _positive(tags.get(name))
+        if distance is not None:
+            return distance * unit_m if distance * unit_m < infinity else math.inf
+    return None
 
 
 def _pixel_pitch_um(tags: Mapping[str, Any]) -> float | None:
@@ -352,9 +503,9 @@ def write_image(path: Path, spec, pixels) -> None:
 
     with storing(path):
         path.touch()  # OpenImageIO would say no more than that it failed
-        out = oiio.ImageOutput.create(str(path))
+        out = oiio.ImageOutput.create(_utf8(path))
         assert out is not None, f"OpenImageIO without {path.suffix}"
-        if not (out.open(str(path), spec) and out.write_image(pixels) and out.close()):
+        if not (out.open(_utf8(path), spec) and out.write_image(pixels) and out.close()):
             said = out.geterror()
             with path.open("ab") as file:  # most often the disk is full: this says so again
                 file.write(bytes(1 << 20))
@@ -381,16 +532,18 @@ def read_image(
     """
     import OpenImageIO as oiio
 
-    image = oiio.ImageInput.open(str(path))
+    image = oiio.ImageInput.open(_utf8(path))
     if image is None:
-        said = oiio.geterror()
+        said = _said(oiio.geterror)
         found = "no such file" if not path.exists() else f"not a readable image ({said})"
         raise fault(found, expected, "check the path", path)
     try:
         spec = image.spec()
+        _check_claim(path, spec)
         pixels = image.read_image("float")
         if pixels is None:
-            raise fault(f"damaged ({image.geterror()})", "a complete file", "make it again", path)
+            found = f"damaged ({_said(image.geterror)})"
+            raise fault(found, "a complete file", "make it again", path)
         header = {
             p.name.removeprefix("sixlight:"): str(p.value)
             for p in spec.extra_attribs
@@ -402,14 +555,49 @@ def read_image(
             colours = [i for i in range(pixels.shape[-1]) if i != spec.alpha_channel]
             pixels[..., colours] = decode(pixels[..., colours])
         return pixels, tuple(spec.channelnames), header, encoded
+    except UnicodeDecodeError as error:
+        raise fault("its header is not text", "UTF-8", "make it again", path) from error
     finally:
         image.close()
 
 
+def _said(geterror: Callable[[], str]) -> str:
+    """What OpenImageIO has to say, which may quote the file's own bytes."""
+    try:
+        return geterror()
+    except UnicodeDecodeError:
+        return "its header is not text"
+
+
+_MOST_COMPRESSED = 1100  # times smaller that deflate can make anything
+_ANY_CLAIM_BYTES = 1 << 28
+
+
+def _check_claim(path: Path, spec) -> None:
+    """InputError where a header claims more pixels than the file can hold."""
+    claimed = spec.width * spec.height * max(spec.nchannels, 1) * 4
+    if claimed > max(_ANY_CLAIM_BYTES, _MOST_COMPRESSED * 4 * path.stat().st_size):
+        raise fault(
+            f"claims {spec.width} x {spec.height} pixels of {spec.nchannels} channels in"
+            f" {path.stat().st_size} bytes",
+            "as many as it holds",
+            "make it again",
+            path,
+        )
+
+
 def write_measured(
-    path: Path, data: Measured, names: Sequence[str], header: Mapping[str, str], **how
+    path: Path,
+    data: Measured,
+    names: Sequence[str],
+    header: Mapping[str, str],
+    *,
+    beside: Mapping[str, np.ndarray] | None = None,
+    **how,
 ) -> None:
     """A Measured image (H, W, C) or cube (6, N, N, C) as EXR: values, `valid`, `sigma.NAME`.
+
+    beside  further channels by name, each of the shape of `valid`
 
     The faces of a cube are stacked top to bottom. Where no variance is known at all, as of spectra
     that came without, `sigma` is left out.
@@ -423,6 +611,9 @@ def write_measured(
     if not np.isnan(data.variance).all():
         layers.append(np.sqrt(data.variance).reshape(-1, *data.variance.shape[-2:]))
         channels += [f"sigma.{n}" for n in names]
+    for name, values in (beside or {}).items():
+        layers.append(values.reshape(-1, values.shape[-1], 1))
+        channels.append(name)
     write_exr(path, np.concatenate(layers, axis=-1), channels, header, **how)
 
 
@@ -504,6 +695,20 @@ def write_picture(
     write_image(path, spec, np.ascontiguousarray(pixels))
 
 
+def read_thumbnail(path: Path, widest: int) -> bytes:
+    """A picture file as the bytes of a JPEG no wider than `widest` px, to be put into a page."""
+    import cv2
+
+    pixels = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR)
+    assert pixels is not None, path  # ours
+    height, width = pixels.shape[:2]
+    if width > widest:
+        size = widest, round(height * widest / width)
+        pixels = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
+    _, jpeg = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, 90])
+    return bytes(jpeg.tobytes())
+
+
 def write_radiance(path: Path, radiance: Radiance) -> None:
     """A merged mosaic as NumPy's npz, the runner's own intermediate file."""
     with storing(path), path.open("wb") as file:
@@ -518,6 +723,12 @@ def read_radiance(path: Path) -> Radiance:
     plain = {k: v.tolist() for k, v in fields.items() if v.ndim < 2}
     tuples = {k: tuple(v) if isinstance(v, list) else v for k, v in plain.items()}
     return Radiance(**{**fields, **tuples})
+
+
+def read_saturated(path: Path) -> Saturated:
+    """What was lost of what write_radiance wrote, without the rest of its pixels."""
+    with np.load(path, allow_pickle=False) as data:
+        return Saturated(**{f.name: data[f.name] for f in fields(Saturated)})
 
 
 def read_lights(path: Path) -> Lights:

@@ -90,6 +90,9 @@ def _parts(path: Path) -> list[tuple[Any, Any]]:
         placed_parts = []
         for node in scene.graph.nodes_geometry:
             transform, name = scene.graph[node]
+            vertices = getattr(scene.geometry[name], "vertices", ())
+            if len(vertices) and np.shape(vertices)[1:] != (3,):
+                raise ValueError("points of other than three coordinates")
             placed_parts.append((scene.geometry[name], np.asarray(transform, float)))
     except InputError as error:
         raise error.at(path) from None

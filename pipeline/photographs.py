@@ -5,6 +5,7 @@ A capture.toml may name the filters and their files, and give what EXIF lacks.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -239,7 +240,8 @@ def notes_of(shots) -> list[str]:
 
 
 def changes(filters: Sequence[Filter]) -> list[str]:
-    """What the camera did not hold within a bracket, by its tags, a sentence each.
+    """What the camera did not hold within a bracket, or focus between them, by its tags, a sentence
+    each.
 
     A change of sensitivity is reckoned with, one of aperture as far as f-numbers are exact; either
     leaves something behind that no overlap of exposures can tell from the light.
@@ -262,10 +264,37 @@ def changes(filters: Sequence[Filter]) -> list[str]:
                 [f"{shot.focal_length_mm:g} mm" for shot in f.shots if shot.focal_length_mm],
                 "the pictures do not lie on each other: leave the zoom alone",
             ),
+            (
+                "focus",
+                _focused(f.shots),
+                "the picture grows or shrinks with it: focus by hand",
+            ),
         ):
-            found = list(dict.fromkeys(values))
+            found = _different(values)
             if len(found) > 1:
                 notes.append(
                     f"{f.name}: {what} changes within the bracket ({', '.join(found)}); {remedy}"
                 )
+    focused = {
+        f.name: found[0] for f in filters if len(found := _different(_focused(f.shots))) == 1
+    }
+    if len(set(focused.values())) > 1:
+        listed = ", ".join(f"{name} {distance}" for name, distance in focused.items())
+        notes.append(
+            f"focus changes between the filters ({listed}); their pictures differ in size: focus by"
+            " hand, once"
+        )
     return notes
+
+
+def _different(values: Sequence[str]) -> list[str]:
+    return list(dict.fromkeys(values))
+
+
+def _focused(shots: Sequence[io.Shot]) -> list[str]:
+    """The distances focused at, in words, where they are known."""
+    return [
+        "infinity" if shot.focus_m == math.inf else f"{shot.focus_m:.3g} m"
+        for shot in shots
+        if shot.focus_m
+    ]

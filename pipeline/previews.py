@@ -38,7 +38,7 @@ _SPACE_NAMES = {"sharp": "sharpened RGB", "xyz": "XYZ"}
 # A picture wider than this is shown above the other it is compared with, not beside it.
 _WIDE = 1.7
 # Where a picture is exposed for a white: it comes to lie where the tone curve has bent a little.
-_OF_WHITE = 0.65
+OF_WHITE = 0.65
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def draw(
     rows, exposures = [], []
     for k, white in enumerate(whites):
         drawn = [by_way[way][k] for way in rendering.ways]
-        judged = drawn[0] if composition.whites[k] is None else _OF_WHITE * white[None]
+        judged = drawn[0] if composition.whites[k] is None else OF_WHITE * white[None]
         column = [looks.shown(xyz, rendering.look, white, exposure_of=judged) for xyz in drawn]
         exposures.append(column[0].exposure_ev)
         rows.append([made.signal for made in column])

@@ -33,6 +33,8 @@ from stages.demosaic import demosaic
 from stages.merge import merge
 from stages.reflect import reflect
 from stages.register import Registered, register
+from stages.scale import Lights, scale
+from stages.scale import warnings as warnings_of_scale
 from stages.transform import transform
 from stages.types import Measured
 
@@ -116,12 +118,14 @@ def reflectance(
     if out.exists() and not force:
         raise fault("exists", "a new file", "choose another -o, or --force", out)
     progress = Progress(len(session.surface) + 2, quiet=quiet)
-    ratios, shading = [], []
+    ratios, shading, exposed = [], [], []
     for surface, white in zip(session.surface, session.white, strict=True):
         with progress.step("reflect", surface.name):
-            light = _image(session.white_folder, white)
+            light, of_white = _image(session.white_folder, white)
             shading += _evenness(light)
-            ratios.append(reflect(_image(session.surface_folder, surface), light))
+            image, of_surface = _image(session.surface_folder, surface)
+            exposed += [of_surface, of_white]
+            ratios.append(reflect(image, light))
             if not ratios[-1].valid.any():
                 raise fault(
                     f"no pixel of {surface.name} is known in surface and white both",
@@ -129,7 +133,8 @@ def reflectance(
                     "photograph them again with shorter exposures",
                     session.surface_folder,
                 )
-            del light
+            del light, image
+    ratios, notes = _on_one_scale(ratios, exposed, [f.name for f in session.surface])
     with progress.step("register", "the filters' images"):
         try:
             registered = register(ratios)
@@ -139,7 +144,7 @@ def reflectance(
     with progress.step("transform", str(out)):
         result = transform(registered.bands, session.transform.matrix)
         _write(session, result, out)
-    return _figures(session, registered, result, shading)
+    return _figures(session, registered, result, shading, notes)
 
 
 def _photographs(folder: Path, problems: list[Problem]) -> tuple[Filter, ...]:
@@ -211,12 +216,31 @@ def _transform(path: Path, wanted, bands, problems: list[Problem]):
     return m_r, primaries
 
 
-def _image(folder: Path, filtered: Filter) -> Measured:
-    """One filter's bracket as an image of three colours."""
+def _image(folder: Path, filtered: Filter) -> tuple[Measured, Lights]:
+    """One filter's bracket as an image of three colours, and the light of its exposures."""
     try:
-        return demosaic(merge(Bracket.of(filtered.shots)))
+        merged = merge(Bracket.of(filtered.shots))
+        return demosaic(merged), Lights.of(merged)
     except InputError as error:
         raise error.at(folder / filtered.name) from None
+
+
+def _on_one_scale(
+    ratios: Sequence[Measured], exposed: Sequence[Lights], filters: Sequence[str]
+) -> tuple[list[Measured], list[str]]:
+    """Surface over white of each filter, both brackets on one scale; and what of it is in doubt.
+
+    exposed  of each filter's surface and white, in turn: one shutter, judged by all of them
+    """
+    found = scale(exposed)
+    factors = np.divide(found.factors[::2], found.factors[1::2])
+    scaled = [
+        Measured(r.values * np.float32(f), r.variance * np.float32(f**2), r.valid)
+        for r, f in zip(ratios, factors, strict=True)
+    ]
+    names = [f"{what} through {name}" for name in filters for what in ("surface", "white")]
+    remedy = "use the same shutter times for both, or three of them through one filter"
+    return scaled, warnings_of_scale(found, names, remedy)
 
 
 def _evenness(white: Measured) -> list[float]:
@@ -230,7 +254,11 @@ def _evenness(white: Measured) -> list[float]:
 
 
 def _figures(
-    session: Session, registered: Registered, result: Measured, shading: list[float]
+    session: Session,
+    registered: Registered,
+    result: Measured,
+    shading: list[float],
+    notes: Sequence[str],
 ) -> dict[str, Any]:
     known = result.valid > 0
     some = known.any()
@@ -243,7 +271,7 @@ def _figures(
         "reflectance": np.median(result.values[known], axis=0).tolist() if some else [],
         "noise": np.sqrt(np.median(result.variance[known], axis=0)).tolist() if some else [],
         "noise_delta_e": _noise_delta_e(session, registered) if some else None,
-        "notes": [*session.notes, *_register_notes(session, registered)],
+        "notes": [*session.notes, *notes, *_register_notes(session, registered)],
     }
 
 

@@ -164,12 +164,12 @@ def _no_cubemap(values: Float) -> tuple[str, ...]:
     if width == 2 * height:
         return (
             "2:1, so a latlong image: `sixlight preview` lights with cubemaps, six square faces "
-            "+X -X +Y -Y +Z -Z stacked top to bottom; resample it to one for that",
+            "+X -X +Y -Y +Z -Z stacked top to bottom; `sixlight convert --layout cube` makes them",
         )
     if height == 6 * width and width & (width - 1):
         return (
-            f"faces of {width} texels: `sixlight preview` lights with powers of two; resample "
-            "them for that",
+            f"faces of {width} texels: `sixlight preview` lights with powers of two; "
+            "`sixlight convert --layout cube --size` makes them",
         )
     return ()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -36,10 +36,20 @@ class Table:
     problems  list shared by all tables of one reading
     file      named in the problems
     where     the table's name, for the problems: "sphere"
+    origins   by "sphere.radius_mm", the file a value is from where that is another: a shoot's
+              defaults.toml
     """
 
-    def __init__(self, content: Any, problems: list[Problem], file: Path, where: str = ""):
+    def __init__(
+        self,
+        content: Any,
+        problems: list[Problem],
+        file: Path,
+        where: str = "",
+        origins: Mapping[str, Path] | None = None,
+    ):
         self.problems, self.file, self.where = problems, file, where
+        self.origins = origins or {}
         if not isinstance(content, dict):
             self.wrong("", f"{content!r}", "a table", f"write [{where}] above its values")
             content = {}
@@ -47,8 +57,15 @@ class Table:
         self._known: set[str] = set()
 
     def wrong(self, key: str, found: str, expected: str, remedy: str) -> None:
-        name = ".".join(filter(None, (self.where, key)))
-        self.problems.append(Problem(f"{name} is {found}"[:300], expected, remedy, self.file))
+        found = f"{self._name(key)} is {found}"[:300]
+        self.problems.append(Problem(found, expected, remedy, self.file_of(key)))
+
+    def file_of(self, key: str) -> Path:
+        """The file a value is from; paths in it are relative to that file's folder."""
+        return self.origins.get(self._name(key), self.file)
+
+    def _name(self, key: str) -> str:
+        return ".".join(filter(None, (self.where, key)))
 
     def _get(self, key: str) -> Any:
         self._known.add(key)
@@ -146,6 +163,13 @@ class Table:
         x, y, z = map(float, value)
         return x, y, z
 
+    def flag(self, key: str) -> bool:
+        """true or false; false where it is absent."""
+        value = self._get(key)
+        if value is not _ABSENT and not isinstance(value, bool):
+            self.wrong(key, repr(value), "true or false", "correct or remove it")
+        return value is True
+
     def raw(self, key: str) -> Any:
         """A value of any kind as tomllib gives it, or None where it is absent."""
         value = self._get(key)
@@ -157,16 +181,15 @@ class Table:
         try:
             yield
         except InputError as error:
-            name = ".".join(filter(None, (self.where, key)))
             for p in error.problems:
                 where = f"{p.file}: " if p.file is not None else ""
-                found = f"{name}: {where}{p.found}"
-                self.problems.append(Problem(found, p.expected, p.remedy, self.file))
+                found = f"{self._name(key)}: {where}{p.found}"
+                self.problems.append(Problem(found, p.expected, p.remedy, self.file_of(key)))
 
     def table(self, key: str) -> Table:
         value = self._get(key)
-        name = ".".join(filter(None, (self.where, key)))
-        return Table({} if value is _ABSENT else value, self.problems, self.file, name)
+        content = {} if value is _ABSENT else value
+        return Table(content, self.problems, self.file, self._name(key), self.origins)
 
     def tables(self, key: str) -> list[Table]:
         value = self._get(key)
@@ -182,14 +205,23 @@ class Table:
         text = self.text(key)
         if text is None:
             return None
-        folder = self.file.parent.resolve()
-        path = (folder / text).resolve()
-        if not path.is_relative_to(folder):
-            self.wrong(key, repr(text), "a path inside the capture's folder", "move the file there")
-        elif not path.is_file():
+        path = self.inside(key, text)
+        if path is not None and not path.is_file():
             self.wrong(key, f"{text!r}, which is not there", "an existing file", "correct the name")
-        else:
-            return self.file.parent / text
+            return None
+        return path
+
+    def inside(self, key: str, text: str) -> Path | None:
+        """What a text names relative to its file, links followed; None, and noted, if outside."""
+        folder = self.file_of(key).parent
+        try:
+            within = (folder / text).resolve().is_relative_to(folder.resolve())
+        except (ValueError, OSError, RuntimeError):  # a NUL, a name too long, links in a circle
+            within = False
+        if within:
+            return folder / text
+        whose = "the capture's folder" if folder == self.file.parent else f"{folder}"
+        self.wrong(key, repr(text), f"a path inside {whose}", "move the file there")
         return None
 
     def nothing_else(self) -> None:

@@ -89,6 +89,18 @@ class Camera:
     peak_efficiency: float = 0.5
     pattern_seed: int = 5100
 
+    @classmethod
+    def of_width(cls, width: int) -> Camera:
+        """The same sensor, its pixels larger and fewer, or smaller and more."""
+        usual = cls()
+        larger = usual.width / width
+        return cls(
+            width=width,
+            height=2 * round(usual.height / larger / 2),
+            pixel_pitch_um=usual.pixel_pitch_um * larger,
+            full_well=usual.full_well * larger**2,
+        )
+
     @property
     def focal_px(self) -> float:
         return self.focal_length_mm * 1000.0 / self.pixel_pitch_um
@@ -126,6 +138,13 @@ def responses(camera: Camera, filter_name: str) -> NDArray[np.float64]:
     step = np.full(len(FINE), FINE[1] - FINE[0])
     step[[0, -1]] /= 2  # trapezia
     return constant * (sensitivity * transmittance(filter_name)[:, None]) * step[:, None]
+
+
+def sensitivities(wavelengths) -> NDArray[np.float64]:
+    """The camera's red, green and blue (n, 3) at wavelengths in nm, relative."""
+    curves = colour_science().MSDS_CAMERA_SENSITIVITIES["Nikon 5100 (NPL)"]
+    values = [np.interp(wavelengths, curves.wavelengths, c) for c in curves.values.T]
+    return np.stack(values, axis=1)
 
 
 def responses_to_rendered(camera: Camera, filter_name: str) -> NDArray[np.float64]:

@@ -44,16 +44,21 @@ BLACK_PAINT = np.full(len(WAVELENGTHS), 0.02)
 BLACK = {"type": "diffuse", "reflectance": BLACK_PAINT}
 
 
-def view(camera: Camera) -> View:
-    """Where the camera stands: 1.5 m from the sphere, a little above, not aimed quite at it."""
-    eye = np.array(SPHERE) + SPHERE_DISTANCE * np.array(
+def view(camera: Camera, yaw_deg: float = 0.0) -> View:
+    """Where the camera stands: 1.5 m from the sphere, a little above, not aimed quite at it.
+
+    yaw_deg  about the sphere, to the right as the camera at 0 sees it
+    """
+    from_sphere = SPHERE_DISTANCE * np.array(
         [0.0, np.sin(np.radians(4.0)), np.cos(np.radians(4.0))]
     )
+    aside = np.array([-0.0046, -0.0031, 0.0])
+    eye, target = (np.add(SPHERE, _about_y(v, yaw_deg, 0.0)) for v in (from_sphere, aside))
     return View(
         sphere=SPHERE,
         radius=SPHERE_RADIUS,
         eye=(float(eye[0]), float(eye[1]), float(eye[2])),
-        target=(-0.0046, SPHERE[1] - 0.0031, 0.0),
+        target=(float(target[0]), float(target[1]), float(target[2])),
         focal_px=camera.focal_px,
         width=camera.width,
         height=camera.height,
@@ -85,9 +90,14 @@ def without_sphere(scene: Scene) -> Scene:
     return bare | {"surfaces": scene["surfaces"][: -len(_stand())]}
 
 
-def visible(view: View, face_size: int) -> NDArray[np.bool_]:
-    """Which texels (6, N, N) of the truth the sphere shows: not those behind it or its stand's."""
+def visible(view: View, face_size: int, world_axes=None) -> NDArray[np.bool_]:
+    """Which texels (6, N, N) of the truth the sphere shows: not those behind it or its stand's.
+
+    world_axes  of the truth, as `View.world_axes`; the view's own where left out
+    """
     directions = cube.directions(face_size).reshape(-1, 3)
+    if world_axes is not None:
+        directions = directions @ world_axes @ view.world_axes.T
     blind = np.arcsin(view.radius / view.distance)  # the cone the sphere covers, behind it
     shown = directions[:, 2] > -np.cos(blind)
     axes = view.world_axes
@@ -108,9 +118,9 @@ def _stand() -> list[Surface]:
     top = y - SPHERE_RADIUS * 0.985
     black = paint("#2a2a2c")
     rods = [
-        _rod((x, 0.12, z), (x, top, z), 0.003, black),
-        _rod((x, top - 0.01, z), (x, top + 0.001, z), 0.005, black),
-        *(_rod((x, 0.30, z), (x + 0.3 * np.sin(a), 0.01, z + 0.3 * np.cos(a)), 0.007, black)
+        rod((x, 0.12, z), (x, top, z), 0.003, black),
+        rod((x, top - 0.01, z), (x, top + 0.001, z), 0.005, black),
+        *(rod((x, 0.30, z), (x + 0.3 * np.sin(a), 0.01, z + 0.3 * np.cos(a)), 0.007, black)
           for a in np.radians([0.0, 120.0, 240.0])),
     ]  # fmt: skip
     return [part for part in _flat(rods) if isinstance(part, Surface)]
@@ -157,7 +167,7 @@ def _past(place, x, y, z) -> NDArray[np.float64]:
     return np.asarray(place, float) + np.array([x, y, z])
 
 
-def _box(low, high, colour, turn=0.0, about=None) -> list[Surface]:
+def box(low, high, colour, turn=0.0, about=None) -> list[Surface]:
     """A box between two corners, turned by `turn` degrees about a vertical axis through `about`."""
     low, high = np.asarray(low, float), np.asarray(high, float)
     pivot = (low + high) / 2 if about is None else np.asarray(about, float)
@@ -205,7 +215,7 @@ def _turned(profile, base, colour, sides=40, smooth=False) -> list[Surface]:
     return [Surface(points, colour, smooth)]
 
 
-def _rod(start, end, radius, colour, sides=16) -> list[Surface]:
+def rod(start, end, radius, colour, sides=16) -> list[Surface]:
     """A closed cylinder from `start` to `end`."""
     start, end = np.asarray(start, float), np.asarray(end, float)
     axis = (end - start) / np.linalg.norm(end - start)
@@ -217,11 +227,11 @@ def _rod(start, end, radius, colour, sides=16) -> list[Surface]:
     return [Surface(np.stack(rings), colour)]
 
 
-def _ball(centre, radius, colour) -> list[Surface]:
-    return _cushion(centre, (radius, radius, radius), colour, power=1.0)
+def ball(centre, radius, colour) -> list[Surface]:
+    return cushion(centre, (radius, radius, radius), colour, power=1.0)
 
 
-def _cushion(centre, half, colour, turn=0.0, tilt=0.0, power=0.55) -> list[Surface]:
+def cushion(centre, half, colour, turn=0.0, tilt=0.0, power=0.55) -> list[Surface]:
     """A rounded block (a superellipsoid), turned about y and tilted about x, degrees."""
 
     def soft(a):
@@ -273,15 +283,15 @@ def _shell(rng) -> Shapes:
     y0, y1 = WINDOW_Y
     outer = LEFT - thick
     pieces: Shapes = [
-        _box((outer, -0.1, BACK), (LEFT, y0, FRONT), cream),
-        _box((outer, y1, BACK), (LEFT, CEILING, FRONT), cream),
-        _box((outer, y0, BACK), (LEFT, y1, z0), cream),
-        _box((outer, y0, z1), (LEFT, y1, FRONT), cream),
-        _box((outer, CEILING, BACK), (RIGHT, CEILING + 0.1, FRONT), white),
+        box((outer, -0.1, BACK), (LEFT, y0, FRONT), cream),
+        box((outer, y1, BACK), (LEFT, CEILING, FRONT), cream),
+        box((outer, y0, BACK), (LEFT, y1, z0), cream),
+        box((outer, y0, z1), (LEFT, y1, FRONT), cream),
+        box((outer, CEILING, BACK), (RIGHT, CEILING + 0.1, FRONT), white),
     ]
     # right: terracotta; its upper part white above a picture rail
-    pieces.append(_box((RIGHT, -0.1, BACK), (RIGHT + 0.1, 2.15, FRONT), paint("#c98b62")))
-    pieces.append(_box((RIGHT, 2.15, BACK), (RIGHT + 0.1, CEILING, FRONT), white))
+    pieces.append(box((RIGHT, -0.1, BACK), (RIGHT + 0.1, 2.15, FRONT), paint("#c98b62")))
+    pieces.append(box((RIGHT, 2.15, BACK), (RIGHT + 0.1, CEILING, FRONT), white))
     # back: papered, pale stripes on blue green
     columns = np.arange(480)
     stripes = ((columns // 10) % 3 == 0) * 0.55 + 0.15 * ((columns // 2) % 2)
@@ -289,9 +299,9 @@ def _shell(rng) -> Shapes:
     pieces.append(_panel((LEFT, 0, BACK), (RIGHT - LEFT, 0, 0), (0, CEILING, 0), paper))
     # front, behind the camera: sage green with a darker dado
     sage, dado = paint("#b7bd98"), paint("#7d8a67")
-    pieces.append(_box((LEFT, 0.9, FRONT), (RIGHT, CEILING, FRONT + 0.1), sage))
-    pieces.append(_box((LEFT, 0.0, FRONT), (RIGHT, 0.9, FRONT + 0.1), dado))
-    pieces.append(_box((LEFT, 0.88, FRONT - 0.02), (RIGHT, 0.94, FRONT), white))
+    pieces.append(box((LEFT, 0.9, FRONT), (RIGHT, CEILING, FRONT + 0.1), sage))
+    pieces.append(box((LEFT, 0.0, FRONT), (RIGHT, 0.9, FRONT + 0.1), dado))
+    pieces.append(box((LEFT, 0.88, FRONT - 0.02), (RIGHT, 0.94, FRONT), white))
     # skirting boards, picture rail, cornice
     for low, high in (((LEFT, 0, BACK), (RIGHT, 0.1, BACK + 0.015)),
                       ((LEFT, 0, BACK), (LEFT + 0.015, 0.1, FRONT)),
@@ -301,7 +311,7 @@ def _shell(rng) -> Shapes:
                       ((LEFT, CEILING - 0.06, FRONT - 0.05), (RIGHT, CEILING, FRONT)),
                       ((LEFT, CEILING - 0.06, BACK), (LEFT + 0.05, CEILING, FRONT)),
                       ((RIGHT - 0.05, CEILING - 0.06, BACK), (RIGHT, CEILING, FRONT))):  # fmt: skip
-        pieces.append(_box(low, high, white))
+        pieces.append(box(low, high, white))
     return pieces
 
 
@@ -361,21 +371,21 @@ def _window(rng) -> Shapes:
     bar = 0.055
     middle = (z0 + z1) / 2
     shapes: Shapes = [
-        _box((x0, y0, z0), (x1, y0 + bar, z1), white),
-        _box((x0, y1 - bar, z0), (x1, y1, z1), white),
-        _box((x0, y0, z0), (x1, y1, z0 + bar), white),
-        _box((x0, y0, z1 - bar), (x1, y1, z1), white),
-        _box((x0, y0, middle - bar / 1.5), (x1, y1, middle + bar / 1.5), white),
-        _box((x0, 1.86, z0), (x1, 1.86 + bar, z1), white),
-        _box((LEFT - 0.1, y0 - 0.03, z0 - 0.08), (LEFT + 0.16, y0, z1 + 0.08), white),
+        box((x0, y0, z0), (x1, y0 + bar, z1), white),
+        box((x0, y1 - bar, z0), (x1, y1, z1), white),
+        box((x0, y0, z0), (x1, y1, z0 + bar), white),
+        box((x0, y0, z1 - bar), (x1, y1, z1), white),
+        box((x0, y0, middle - bar / 1.5), (x1, y1, middle + bar / 1.5), white),
+        box((x0, 1.86, z0), (x1, 1.86 + bar, z1), white),
+        box((LEFT - 0.1, y0 - 0.03, z0 - 0.08), (LEFT + 0.16, y0, z1 + 0.08), white),
     ]
     for z in (z0 + (middle - z0) / 2, middle + (z1 - middle) / 2):
-        shapes.append(_box((x0 + 0.02, y0, z - 0.012), (x1 - 0.02, 1.86, z + 0.012), white))
+        shapes.append(box((x0 + 0.02, y0, z - 0.012), (x1 - 0.02, 1.86, z + 0.012), white))
     for i in range(14):
         z = z0 + 0.2 + 0.115 * i
-        shapes.append(_box((LEFT + 0.03, 0.16, z), (LEFT + 0.11, 0.74, z + 0.085), white))
+        shapes.append(box((LEFT + 0.03, 0.16, z), (LEFT + 0.11, 0.74, z + 0.085), white))
     brass = paint("#a98445")
-    shapes.append(_rod((LEFT + 0.13, 2.44, z0 - 0.6), (LEFT + 0.13, 2.44, z1 + 0.6), 0.012, brass))
+    shapes.append(rod((LEFT + 0.13, 2.44, z0 - 0.6), (LEFT + 0.13, 2.44, z1 + 0.6), 0.012, brass))
     v = np.linspace(0, 1, 24)[:, None]
     for low, high, phase in ((z0 - 0.55, z0 - 0.02, 0.0), (z1 + 0.02, z1 + 0.55, 1.0)):
         u = np.linspace(0, 1, 160)[None, :]
@@ -391,7 +401,7 @@ def _window(rng) -> Shapes:
         _turned([(0.05, 0), (0.065, 0.11), (0.055, 0.11), (0.0, 0.1)],
                 (LEFT + 0.05, y0, 0.15), paint("#b5613f"))
     )  # fmt: skip
-    shapes.append(_ball((LEFT + 0.05, y0 + 0.17, 0.15), 0.075, paint("#4f7a35")))
+    shapes.append(ball((LEFT + 0.05, y0 + 0.17, 0.15), 0.075, paint("#4f7a35")))
     shapes.append(
         _turned([(0.0, 0), (0.04, 0), (0.05, 0.06), (0.045, 0.13), (0.02, 0.17), (0.025, 0.2)],
                 (LEFT + 0.05, y0, 0.95), paint("#2f5f9a"))
@@ -444,7 +454,7 @@ def _books(rng, start, room_for, depth_face, bottom, top, axis="x") -> Shapes:
         depth = rng.uniform(0.13, 0.19)
         cover = paint(BOOKS[rng.integers(len(BOOKS))])
         shapes.append(
-            _box(
+            box(
                 (at, bottom, depth_face),
                 (at + thickness, bottom + height, depth_face + depth),
                 cover,
@@ -459,13 +469,13 @@ def _bookshelf(rng) -> Shapes:
     wood = paint("#6b4a30")
     x0, x1, z0, z1, height = -1.95, -0.15, FRONT - 0.3, FRONT - 0.01, 2.12
     shapes: Shapes = [
-        _box((x0, 0, z0), (x0 + 0.03, height, z1), wood),
-        _box((x1 - 0.03, 0, z0), (x1, height, z1), wood),
-        _box((x0, 0, z1 - 0.012), (x1, height, z1), wood),
-        _box(((x0 + x1) / 2 - 0.015, 0, z0), ((x0 + x1) / 2 + 0.015, height, z1), wood),
+        box((x0, 0, z0), (x0 + 0.03, height, z1), wood),
+        box((x1 - 0.03, 0, z0), (x1, height, z1), wood),
+        box((x0, 0, z1 - 0.012), (x1, height, z1), wood),
+        box(((x0 + x1) / 2 - 0.015, 0, z0), ((x0 + x1) / 2 + 0.015, height, z1), wood),
     ]
     levels = [0.08, 0.48, 0.86, 1.2, 1.54, 1.86, height - 0.03]
-    shapes += [_box((x0, y, z0), (x1, y + 0.028, z1), wood) for y in levels]
+    shapes += [box((x0, y, z0), (x1, y + 0.028, z1), wood) for y in levels]
     middle = (x0 + x1) / 2
     for i, (low, high) in enumerate(pairwise(levels)):
         for side, begin in enumerate((x0 + 0.04, middle + 0.03)):
@@ -475,9 +485,9 @@ def _bookshelf(rng) -> Shapes:
         _turned([(0.0, 0), (0.05, 0), (0.09, 0.07), (0.07, 0.15), (0.035, 0.19), (0.05, 0.22)],
                 (x0 + 0.75, levels[0] + 0.03, z0 + 0.14), paint("#e8e4da"))
     )  # fmt: skip
-    shapes.append(_ball((x0 + 0.72, levels[3] + 0.118, z0 + 0.13), 0.09, paint("#3a7fc1")))
+    shapes.append(ball((x0 + 0.72, levels[3] + 0.118, z0 + 0.13), 0.09, paint("#3a7fc1")))
     shapes.append(
-        _box((middle + 0.65, levels[2] + 0.03, z0 + 0.08),
+        box((middle + 0.65, levels[2] + 0.03, z0 + 0.08),
              (middle + 0.82, levels[2] + 0.23, z0 + 0.14),
              paint("#d15b3c"))
     )  # fmt: skip
@@ -490,17 +500,17 @@ def _door(rng) -> Shapes:
     frame, leaf = paint("#efece4"), paint("#8b5a34")
     x0, x1, top, z = 0.85, 1.72, 2.03, FRONT
     shapes: Shapes = [
-        _box((x0, 0, z - 0.03), (x1, top, z), leaf),
-        _box((x0 - 0.09, 0, z - 0.04), (x0, top + 0.09, z), frame),
-        _box((x1, 0, z - 0.04), (x1 + 0.09, top + 0.09, z), frame),
-        _box((x0, top, z - 0.04), (x1, top + 0.09, z), frame),
+        box((x0, 0, z - 0.03), (x1, top, z), leaf),
+        box((x0 - 0.09, 0, z - 0.04), (x0, top + 0.09, z), frame),
+        box((x1, 0, z - 0.04), (x1 + 0.09, top + 0.09, z), frame),
+        box((x0, top, z - 0.04), (x1, top + 0.09, z), frame),
     ]
     dark = paint("#7a4a28")
     for low, high in ((0.15, 0.85), (1.0, 1.9)):
         for a in (x0 + 0.1, (x0 + x1) / 2 + 0.04):
-            shapes.append(_box((a, low, z - 0.04), (a + 0.3, high, z - 0.02), dark))
-    shapes.append(_ball((x0 + 0.06, 1.02, z - 0.07), 0.028, paint("#b9933f")))
-    shapes.append(_box((x0 - 0.27, 1.08, z - 0.012), (x0 - 0.19, 1.16, z), frame))
+            shapes.append(box((a, low, z - 0.04), (a + 0.3, high, z - 0.02), dark))
+    shapes.append(ball((x0 + 0.06, 1.02, z - 0.07), 0.028, paint("#b9933f")))
+    shapes.append(box((x0 - 0.27, 1.08, z - 0.012), (x0 - 0.19, 1.16, z), frame))
     ring = np.linspace(0, 1, 41)[1:, None] - 0.0125
     turn = (np.arange(240)[None, :] + 0.5) / 240  # clockwise from twelve, as seen from the room
     face = np.empty((40, 240, 36), np.float32)
@@ -520,7 +530,7 @@ def _door(rng) -> Shapes:
         _turned([(0.0, 0), (0.17, 0), (0.18, 0.1), (0.17, 0.42), (0.12, 0.5), (0.0, 0.52)],
                 (2.15, 1.15, z - 0.13), paint("#2d4f7c"))
     )  # fmt: skip
-    shapes.append(_box((1.95, 1.68, z - 0.03), (2.4, 1.76, z), leaf))
+    shapes.append(box((1.95, 1.68, z - 0.03), (2.4, 1.76, z), leaf))
     return shapes
 
 
@@ -528,13 +538,13 @@ def _back_wall(rng) -> Shapes:
     """Behind the sphere: a sideboard with things on it, a painting, a narrow mirrorless shelf."""
     walnut, white = paint("#6e4528"), paint("#f2f0ec")
     shapes: Shapes = [
-        _box((0.1, 0.12, BACK + 0.02), (1.9, 0.82, BACK + 0.45), walnut),
-        *(_box((0.13 + 0.6 * i, 0.17, BACK + 0.45), (0.68 + 0.6 * i, 0.77, BACK + 0.465),
+        box((0.1, 0.12, BACK + 0.02), (1.9, 0.82, BACK + 0.45), walnut),
+        *(box((0.13 + 0.6 * i, 0.17, BACK + 0.45), (0.68 + 0.6 * i, 0.77, BACK + 0.465),
                paint("#8b5a34")) for i in range(3)),
-        *(_ball((0.63 + 0.6 * i, 0.47, BACK + 0.48), 0.014, paint("#b9933f"))
+        *(ball((0.63 + 0.6 * i, 0.47, BACK + 0.48), 0.014, paint("#b9933f"))
           for i in range(3)),
-        *(_rod((x, 0, BACK + 0.1), (x, 0.12, BACK + 0.1), 0.02, walnut) for x in (0.2, 1.8)),
-        *(_rod((x, 0, BACK + 0.38), (x, 0.12, BACK + 0.38), 0.02, walnut) for x in (0.2, 1.8)),
+        *(rod((x, 0, BACK + 0.1), (x, 0.12, BACK + 0.1), 0.02, walnut) for x in (0.2, 1.8)),
+        *(rod((x, 0, BACK + 0.38), (x, 0.12, BACK + 0.38), 0.02, walnut) for x in (0.2, 1.8)),
     ]  # fmt: skip
     shapes.append(
         _turned([(0.0, 0), (0.07, 0), (0.13, 0.12), (0.1, 0.26), (0.045, 0.34), (0.06, 0.4)],
@@ -543,9 +553,9 @@ def _back_wall(rng) -> Shapes:
     for i in range(9):  # tulips
         a, lean = 2.4 * i, 0.06 + 0.015 * i
         top = (0.42 + lean * np.cos(a), 1.42 + 0.05 * np.sin(3 * a), BACK + 0.22 + lean * np.sin(a))
-        shapes.append(_rod((0.42, 1.2, BACK + 0.22), top, 0.005, paint("#4f7a35")))
+        shapes.append(rod((0.42, 1.2, BACK + 0.22), top, 0.005, paint("#4f7a35")))
         bloom = paint(("#c8322e", "#e0b13a", "#b8455f")[i % 3])
-        shapes.append(_cushion(top, (0.028, 0.04, 0.028), bloom, power=0.9))
+        shapes.append(cushion(top, (0.028, 0.04, 0.028), bloom, power=0.9))
     shapes += _books(rng, 0.95, 0.42, BACK + 0.14, 0.82, 1.15)
     shapes.append(_turned([(0, 0), (0.06, 0), (0.15, 0.06), (0.16, 0.075), (0.1, 0.04), (0, 0.03)],
                           (1.62, 0.82, BACK + 0.25), paint("#d8d2c4")))  # fmt: skip
@@ -554,7 +564,7 @@ def _back_wall(rng) -> Shapes:
         (1.66, 0.9, 0.2, "#d97a2b"),
         (1.65, 0.9, 0.31, "#8fa83a"),
     ):
-        shapes.append(_ball((x, y, BACK + z), 0.042, paint(c)))
+        shapes.append(ball((x, y, BACK + z), 0.042, paint(c)))
     # a painting: fields of colour
     rows, columns = 90, 130
     art = np.empty((rows, columns, 36), np.float32)
@@ -569,16 +579,16 @@ def _back_wall(rng) -> Shapes:
     shapes.append(_panel((x0, y0, BACK + 0.03), (1.1, 0, 0), (0, 0.76, 0), art))
     rim = paint("#3a2a20")
     shapes += [
-        _box((x0 - 0.05, y0 - 0.05, BACK), (x0 + 1.15, y0, BACK + 0.045), rim),
-        _box((x0 - 0.05, y0 + 0.76, BACK), (x0 + 1.15, y0 + 0.81, BACK + 0.045), rim),
-        _box((x0 - 0.05, y0, BACK), (x0, y0 + 0.76, BACK + 0.045), rim),
-        _box((x0 + 1.1, y0, BACK), (x0 + 1.15, y0 + 0.76, BACK + 0.045), rim),
+        box((x0 - 0.05, y0 - 0.05, BACK), (x0 + 1.15, y0, BACK + 0.045), rim),
+        box((x0 - 0.05, y0 + 0.76, BACK), (x0 + 1.15, y0 + 0.81, BACK + 0.045), rim),
+        box((x0 - 0.05, y0, BACK), (x0, y0 + 0.76, BACK + 0.045), rim),
+        box((x0 + 1.1, y0, BACK), (x0 + 1.15, y0 + 0.76, BACK + 0.045), rim),
     ]
     # two small shelves, left
     for y in (1.2, 1.62):
-        shapes.append(_box((-1.5, y, BACK), (-0.6, y + 0.025, BACK + 0.2), white))
+        shapes.append(box((-1.5, y, BACK), (-0.6, y + 0.025, BACK + 0.2), white))
         shapes += _books(rng, -1.45, 0.55, BACK + 0.02, y + 0.025, y + 0.35)
-    shapes.append(_box((-0.8, 1.225, BACK + 0.05), (-0.66, 1.41, BACK + 0.07), paint("#d15b3c")))
+    shapes.append(box((-0.8, 1.225, BACK + 0.05), (-0.66, 1.41, BACK + 0.07), paint("#d15b3c")))
     return shapes
 
 
@@ -587,17 +597,17 @@ def _sofa(rng) -> Shapes:
     cloth = paint("#4a6a8a")
     x0, x1, z0, z1 = 1.62, RIGHT - 0.03, -1.75, 0.12
     shapes: Shapes = [
-        _box((x0, 0.1, z0), (x1, 0.28, z1), cloth),
-        _cushion((x1 - 0.12, 0.58, (z0 + z1) / 2), (0.13, 0.32, (z1 - z0) / 2), cloth, power=0.35),
-        _cushion(((x0 + x1) / 2, 0.42, z0 + 0.1), (0.42, 0.22, 0.11), cloth, power=0.4),
-        _cushion(((x0 + x1) / 2, 0.42, z1 - 0.1), (0.42, 0.22, 0.11), cloth, power=0.4),
+        box((x0, 0.1, z0), (x1, 0.28, z1), cloth),
+        cushion((x1 - 0.12, 0.58, (z0 + z1) / 2), (0.13, 0.32, (z1 - z0) / 2), cloth, power=0.35),
+        cushion(((x0 + x1) / 2, 0.42, z0 + 0.1), (0.42, 0.22, 0.11), cloth, power=0.4),
+        cushion(((x0 + x1) / 2, 0.42, z1 - 0.1), (0.42, 0.22, 0.11), cloth, power=0.4),
     ]
     for z in (-1.23, -0.4):
-        shapes.append(_cushion((x0 + 0.34, 0.36, z), (0.36, 0.11, 0.41), cloth, power=0.4))
-    shapes.append(_cushion((2.15, 0.6, -1.35), (0.09, 0.21, 0.21), paint("#d3a94e"), turn=15))
-    shapes.append(_cushion((2.13, 0.6, -0.3), (0.09, 0.2, 0.2), paint("#b8455f"), turn=-20))
-    shapes.append(_cushion((2.1, 0.58, -0.62), (0.08, 0.18, 0.18), paint("#efe6d0"), turn=-8))
-    shapes += [_rod((x, 0, z), (x, 0.11, z), 0.025, paint("#3a2a20"))
+        shapes.append(cushion((x0 + 0.34, 0.36, z), (0.36, 0.11, 0.41), cloth, power=0.4))
+    shapes.append(cushion((2.15, 0.6, -1.35), (0.09, 0.21, 0.21), paint("#d3a94e"), turn=15))
+    shapes.append(cushion((2.13, 0.6, -0.3), (0.09, 0.2, 0.2), paint("#b8455f"), turn=-20))
+    shapes.append(cushion((2.1, 0.58, -0.62), (0.08, 0.18, 0.18), paint("#efe6d0"), turn=-8))
+    shapes += [rod((x, 0, z), (x, 0.11, z), 0.025, paint("#3a2a20"))
                for x in (x0 + 0.08, x1 - 0.08) for z in (z0 + 0.08, z1 - 0.08)]  # fmt: skip
     return shapes
 
@@ -607,20 +617,18 @@ def _armchair(rng) -> Shapes:
     red, wood = paint("#a8443a"), paint("#8b5a34")
     c = np.array([-1.15, 0.0, -1.55])
     shapes: Shapes = [
-        _cushion(_past(c, 0, 0.38, 0), (0.32, 0.1, 0.32), red, turn=25, power=0.4),
-        _cushion(
-            _past(c, -0.12, 0.72, -0.27), (0.32, 0.36, 0.1), red, turn=25, tilt=-12, power=0.4
-        ),
+        cushion(_past(c, 0, 0.38, 0), (0.32, 0.1, 0.32), red, turn=25, power=0.4),
+        cushion(_past(c, -0.12, 0.72, -0.27), (0.32, 0.36, 0.1), red, turn=25, tilt=-12, power=0.4),
     ]
     a = np.radians(25)
     for sx in (-1, 1):
         for sz in (-1, 1):
             x, z = 0.34 * sx, 0.28 * sz
             foot = _past(c, x * np.cos(a) + z * np.sin(a), 0, -x * np.sin(a) + z * np.cos(a))
-            shapes.append(_rod(foot, _past(foot, 0, 0.56, 0), 0.022, wood))
+            shapes.append(rod(foot, _past(foot, 0, 0.56, 0), 0.022, wood))
         x = 0.34 * sx
         shapes.append(
-            _box(
+            box(
                 _past(c, x - 0.035, 0.56, -0.32),
                 _past(c, x + 0.035, 0.595, 0.32),
                 wood,
@@ -635,8 +643,8 @@ def _dining_table(rng) -> Shapes:
     """Left of the camera: a table with a bowl of fruit, books, a mug, and two chairs."""
     oak, painted = paint("#c39a66"), paint("#3f6b6b")
     x0, x1, z0, z1 = -1.75, -0.65, 1.75, 2.5
-    shapes: Shapes = [_box((x0, 0.71, z0), (x1, 0.745, z1), oak)]
-    shapes += [_box((x - 0.03, 0, z - 0.03), (x + 0.03, 0.71, z + 0.03), oak)
+    shapes: Shapes = [box((x0, 0.71, z0), (x1, 0.745, z1), oak)]
+    shapes += [box((x - 0.03, 0, z - 0.03), (x + 0.03, 0.71, z + 0.03), oak)
                for x in (x0 + 0.07, x1 - 0.07) for z in (z0 + 0.07, z1 - 0.07)]  # fmt: skip
     top = 0.745
     shapes.append(
@@ -646,10 +654,10 @@ def _dining_table(rng) -> Shapes:
     for x, z, c in ((-1.39, 2.06, "#d97a2b"), (-1.3, 2.08, "#c8322e"), (-1.35, 2.16, "#8fa83a"),
                     (-1.35, 2.1, "#d97a2b")):  # fmt: skip
         y = top + (0.075 if z != 2.1 else 0.135)
-        shapes.append(_ball((x, y, z), 0.043, paint(c)))
+        shapes.append(ball((x, y, z), 0.043, paint(c)))
     for i, c in enumerate(("#b8455f", "#efe6d0", "#3f6b45")):
         shapes.append(
-            _box((-0.98, top + 0.032 * i, 1.9), (-0.76, top + 0.032 * (i + 1), 2.2),
+            box((-0.98, top + 0.032 * i, 1.9), (-0.76, top + 0.032 * (i + 1), 2.2),
                  paint(c), turn=12.0 * i - 8)
         )  # fmt: skip
     shapes.append(
@@ -657,23 +665,21 @@ def _dining_table(rng) -> Shapes:
                 (-1.05, top, 2.35), paint("#e8c93a"))
     )  # fmt: skip
     sheet = paint("#f2f0ec")
-    shapes.append(_box((-1.15, top, 1.82), (-0.94, top + 0.002, 2.12), sheet, turn=-25))
+    shapes.append(box((-1.15, top, 1.82), (-0.94, top + 0.002, 2.12), sheet, turn=-25))
     for chair_x, chair_z, turn in ((-0.35, 2.15, 100.0), (-1.2, 1.45, -5.0)):
         at = np.array([chair_x, 0.0, chair_z])
         shapes.append(
-            _box(_past(at, -0.21, 0.43, -0.21), _past(at, 0.21, 0.46, 0.21), painted, turn, at)
+            box(_past(at, -0.21, 0.43, -0.21), _past(at, 0.21, 0.46, 0.21), painted, turn, at)
         )
         for sx in (-1, 1):
             for sz in (-1, 1):
                 reach = 0.93 if sz < 0 else 0.43
                 low, high = _past(at, 0.18 * sx - 0.018, 0, 0.18 * sz - 0.018), _past(at,
                     0.18 * sx + 0.018, reach, 0.18 * sz + 0.018)  # fmt: skip
-                shapes.append(_box(low, high, painted, turn, at))
+                shapes.append(box(low, high, painted, turn, at))
         for y in (0.6, 0.74, 0.88):
             shapes.append(
-                _box(
-                    _past(at, -0.18, y, -0.19), _past(at, 0.18, y + 0.06, -0.17), painted, turn, at
-                )
+                box(_past(at, -0.18, y, -0.19), _past(at, 0.18, y + 0.06, -0.17), painted, turn, at)
             )
     return shapes
 
@@ -688,13 +694,13 @@ def _lamp(rng) -> Shapes:
     top = 0.56
     shapes: Shapes = [
         _turned([(0.0, 0), (0.26, 0), (0.26, 0.03), (0, 0.03)], (1.68, top - 0.03, 0.52), wood),
-        _rod((1.68, 0.02, 0.52), (1.68, top - 0.02, 0.52), 0.03, wood),
+        rod((1.68, 0.02, 0.52), (1.68, top - 0.02, 0.52), 0.03, wood),
         _turned([(0.18, 0.0), (0.16, 0.03), (0.0, 0.03)], (1.68, 0.0, 0.52), wood),
         _turned([(0.085, 0), (0.085, 0.02), (0.02, 0.035), (0, 0.035)], (1.68, top, 0.52), steel),
-        _rod((1.68, top + 0.02, 0.52), (1.78, 1.12, 0.52), 0.008, steel),
-        _rod((1.78, 1.12, 0.52), (1.40, 1.47, 0.505), 0.008, steel),
-        _ball((1.78, 1.12, 0.52), 0.016, steel),
-        *(_box((1.5, top + 0.022 * i, 0.42), (1.62, top + 0.022 * (i + 1), 0.6),
+        rod((1.68, top + 0.02, 0.52), (1.78, 1.12, 0.52), 0.008, steel),
+        rod((1.78, 1.12, 0.52), (1.40, 1.47, 0.505), 0.008, steel),
+        ball((1.78, 1.12, 0.52), 0.016, steel),
+        *(box((1.5, top + 0.022 * i, 0.42), (1.62, top + 0.022 * (i + 1), 0.6),
                paint(c), turn=10.0 * i) for i, c in enumerate(("#6b3f6e", "#d9b44a"))),
     ]  # fmt: skip
     axis = np.array([-0.72, -0.66, -0.1])
@@ -730,7 +736,7 @@ def _lamp(rng) -> Shapes:
         *_sheet(cone(back, mouth, 0.006), steel),
         *_sheet(cone((0.0, -0.076), (0.036, -0.07)), steel),
         *_sheet(cone((0.0, -0.07), (0.03, -0.07)), BLACK_PAINT),
-        _rod(BULB - 0.1 * axis, BULB - 0.035 * axis, 0.014, BLACK_PAINT),
+        rod(BULB - 0.1 * axis, BULB - 0.035 * axis, 0.014, BLACK_PAINT),
         cone_light,
         bulb,
     ]  # fmt: skip
@@ -748,7 +754,7 @@ def _plant(rng) -> Shapes:
         lean = np.array([0.1 * np.cos(2.1 * stem), 0, 0.1 * np.sin(2.1 * stem)])
         foot = _past(base, 0, 0.25, 0) + 0.3 * lean
         tip = _past(base, 0, 1.45 - 0.15 * stem, 0) + lean
-        shapes.append(_rod(foot, tip, 0.011, paint("#5b4a2f")))
+        shapes.append(rod(foot, tip, 0.011, paint("#5b4a2f")))
         for i in range(9):
             at = foot + (tip - foot) * (0.25 + 0.75 * i / 8)
             a = 2.4 * i + stem
@@ -801,22 +807,22 @@ def _right_wall(rng) -> Shapes:
         x = RIGHT - 0.03
         shapes.append(_panel((x - 0.004, y, z - wide), (0, 0, wide), (0, high, 0), art))
         b = 0.035
-        shapes.append(_box((x, y - b, z - wide - b), (RIGHT, y + high + b, z + b), rim))
+        shapes.append(box((x, y - b, z - wide - b), (RIGHT, y + high + b, z + b), rim))
     chest = paint("#d9cfae")
     z0, z1, x0 = 1.35, 2.35, RIGHT - 0.45
-    shapes.append(_box((x0, 0.05, z0), (RIGHT, 0.86, z1), chest))
-    shapes.append(_box((x0 - 0.02, 0.86, z0 - 0.02), (RIGHT, 0.89, z1 + 0.02), paint("#8b5a34")))
+    shapes.append(box((x0, 0.05, z0), (RIGHT, 0.86, z1), chest))
+    shapes.append(box((x0 - 0.02, 0.86, z0 - 0.02), (RIGHT, 0.89, z1 + 0.02), paint("#8b5a34")))
     for i in range(3):
         y = 0.1 + 0.255 * i
-        shapes.append(_box((x0 - 0.012, y, z0 + 0.03), (x0, y + 0.235, z1 - 0.03), chest))
+        shapes.append(box((x0 - 0.012, y, z0 + 0.03), (x0, y + 0.235, z1 - 0.03), chest))
         for z in (z0 + 0.25, z1 - 0.25):
-            shapes.append(_ball((x0 - 0.03, y + 0.12, z), 0.016, paint("#4a3020")))
+            shapes.append(ball((x0 - 0.03, y + 0.12, z), 0.016, paint("#4a3020")))
     shapes.append(
         _turned([(0.0, 0.0), (0.07, 0), (0.1, 0.1), (0.05, 0.22), (0.03, 0.3), (0.04, 0.33)],
                 (RIGHT - 0.22, 0.89, 1.65), paint("#a8443a"))
     )  # fmt: skip
     shapes.append(
-        _box((RIGHT - 0.35, 0.89, 1.95), (RIGHT - 0.1, 1.03, 2.2), paint("#3f6b45"), turn=10)
+        box((RIGHT - 0.35, 0.89, 1.95), (RIGHT - 0.1, 1.03, 2.2), paint("#3f6b45"), turn=10)
     )
     return shapes
 
@@ -824,6 +830,6 @@ def _right_wall(rng) -> Shapes:
 def _ceiling_lamp(rng) -> Shapes:
     """A paper globe that hangs unlit."""
     return [
-        _rod((0.35, 2.25, 0.95), (0.35, CEILING, 0.95), 0.004, paint("#2a2a2c")),
-        _ball((0.35, 2.08, 0.95), 0.19, paint("#f2f0ec")),
+        rod((0.35, 2.25, 0.95), (0.35, CEILING, 0.95), 0.004, paint("#2a2a2c")),
+        ball((0.35, 2.08, 0.95), 0.19, paint("#f2f0ec")),
     ]

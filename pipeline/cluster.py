@@ -1,0 +1,138 @@
+"""`sixlight batch --scheduler`: hands captures to the workers of a Dask cluster that is there.
+
+Captures and results go by path: folders that all workers see under the same name. A worker runs a
+capture as a local batch does, in a process of its own; the stages of a capture stay together. One
+that dies takes that process with it, and the scheduler gives the capture to another. Results land
+once: whoever writes holds the output folder's lock, and files are moved into place.
+"""
+
+from __future__ import annotations
+
+import time
+import uuid
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from pipeline import batch, finished
+from pipeline.batch import CURRENT, FAILED, OURS, Job, Limits, Outcome
+from pipeline.errors import fault
+from pipeline.progress import Captures
+from pipeline.settings import Settings
+
+_ANSWER_S = 10.0  # that a scheduler is given to answer
+_LOOK_S = 0.5  # between two looks at a process, and at whether all is to stop
+_BUSY_S = 60.0  # that a worker which is gone is given to let go of an output folder
+
+
+def run(
+    address: str,
+    jobs: Sequence[Job],
+    settings: Settings,
+    limits: Limits,
+    *,
+    keep_going: bool = True,
+    force: bool = False,
+    quiet: bool = False,
+) -> dict[Job, Outcome]:
+    """As `batch.run`, on the cluster whose scheduler is at `address`: tcp://HOST:8786.
+
+    How many run at once is the workers' business: one a thread of theirs.
+    """
+    try:
+        from distributed import Client, Event, as_completed
+    except ImportError as error:
+        raise fault(
+            "Dask is not installed", "", "run pip install 'sixlight[cluster]'", "--scheduler"
+        ) from error
+    outcomes = {job: Outcome() for job in jobs}
+    name = f"sixlight-{uuid.uuid4().hex}"
+    try:
+        client = Client(address, timeout=_ANSWER_S, set_as_default=False)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise fault(
+            "no scheduler answers there", "tcp://HOST:8786", "check that it runs", address
+        ) from error
+    with client, Captures(len(jobs), quiet=quiet) as display:
+        stop = Event(name, client=client)
+        futures = {}
+        for number, job in enumerate(jobs):
+            given = job.folder.resolve(), job.out.resolve(), asdict(settings)
+            futures[
+                client.submit(
+                    on_worker,
+                    *(*map(str, given[:2]), given[2], force, limits.seconds),
+                    *(finished.code(), name),
+                    key=f"{name}-{number}",
+                    pure=False,
+                )
+            ] = job
+        try:
+            for future in as_completed(list(futures), loop=client.loop):
+                outcomes[futures[future]] = outcome = _outcome(future)
+                display.ended(futures[future].name, batch.told(outcome))
+                if outcome.state in (FAILED, OURS) and not keep_going:
+                    client.cancel([f for f in futures if not f.done()])
+                    break
+        except KeyboardInterrupt:
+            stop.set()
+            client.cancel(list(futures))
+            raise
+    return outcomes
+
+
+def _outcome(future) -> Outcome:
+    error = future.exception() if future.status == "error" else None
+    if error is None and future.status == "finished":
+        return Outcome(**future.result())
+    if type(error).__name__ == "KilledWorker":
+        said = "every worker that was given it died; try it on one machine with sixlight envmap"
+    else:
+        said = f"the cluster could not run it: {error or future.status}"
+    return Outcome(FAILED, error=[said])
+
+
+def on_worker(
+    folder: str,
+    out: str,
+    settings: dict[str, Any],
+    force: bool,
+    seconds: float,
+    code: str,
+    stop: str,
+) -> dict[str, Any]:
+    """Runs one capture on this machine, and returns how it ended, as plain data.
+
+    code  of the sixlight that asks: results must not depend on which worker makes them
+    stop  name of the event that says that all is to end
+    """
+    from distributed import Event
+
+    if finished.code() != code:
+        return asdict(
+            Outcome(FAILED, error=["a worker has another version of sixlight; install the same"])
+        )
+    job = Job(folder, Path(folder), Path(out), 0.0)
+    wanted = Settings(**settings)
+    ending = Event(stop)
+    began = time.monotonic()
+    while True:
+        if finished.holds(job.folder, job.out, wanted):
+            return asdict(Outcome(CURRENT, batch.grade(job.out)))
+        outcome = _followed(batch.Run(job.folder, job.out, wanted, force, seconds), ending)
+        busy = outcome.state == FAILED and any(batch.BUSY in line for line in outcome.error)
+        if not busy or time.monotonic() - began > _BUSY_S:
+            return asdict(outcome)
+        time.sleep(_LOOK_S)
+
+
+def _followed(run: batch.Run, ending) -> Outcome:
+    try:
+        while (outcome := run.poll()) is None:
+            time.sleep(_LOOK_S)
+            if ending.is_set():
+                return Outcome()
+        return outcome
+    finally:
+        batch.stop([run])
