@@ -14,6 +14,7 @@ import sys
 from pathlib import Path
 
 NAMES = {
+    "batch": "batch",
     "capture": "capture",
     "colour": "channels",  # not colour.py, which would hide colour-science from scripts beside it
     "merge": "merge",

@@ -12,18 +12,22 @@ import tempfile
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import dataclass, replace
 from datetime import datetime
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks import merge_peers
 from benchmarks.figure import Figure
-from pipeline.bracket import Bracket
+from pipeline.bracket import Bracket, frames
 from pipeline.simulate.camera import Camera, Shutter, expose
 from pipeline.simulate.dng import Shot, write_dng
+from stages.compiled import compile_all
+from stages.find import Found, find
 from stages.merge import InMemory, merge, workers
+from stages.mirror import Sphere
 from stages.types import Frame
 
 RGGB = np.array([[0, 1], [1, 2]])
@@ -64,16 +68,21 @@ class Sensor:
         return (world * t < 0.95) * t**2 / noise
 
 
+CAMERA = replace(Camera(), width=5184, height=3456)  # of the files
+SPHERE = {"radius_mm": 50.0, "distance_mm": 1500.0}
+
 SENSORS = (Sensor(10, 8000, 12), Sensor(12, 30000, 6), Sensor(14, 40000, 3), Sensor(14, 80000, 4))
 
 
 def measure() -> Iterator[Figure]:
+    compile_all()
     for sensor in SENSORS:
         yield from _levels(sensor)
     yield from _pixels()
     yield from _movement()
     yield from _peers()
     yield from _files()
+    yield from _region()
 
 
 def _levels(sensor: Sensor) -> Iterator[Figure]:
@@ -170,62 +179,23 @@ def _movement() -> Iterator[Figure]:
 
 
 def _peers() -> Iterator[Figure]:
-    """The same linear exposures, merged by each: root mean square error of the log, and CPU time.
-
-    Peers are given exact times, which the tags are not; colour of a peer's own is not asked of it:
-    samples are merged as they are, demosaicing left out. They want three channels, so three
-    samples of a row make a pixel: as many numbers for them as for us.
-    """
+    """The same bracket merged by each; see `merge_peers`."""
     sensor, rng = SENSORS[2], np.random.default_rng(7)
     world = _scene(rng, (2000, 3000))
-    frames = [sensor.shoot(world, t, t, rng) for t in TAGS_S]
-    methods = {"sixlight": lambda: merge(InMemory(frames)).mosaic}
-    size = world.shape[0], -1, 3
-    linear = [
-        np.clip((f.samples.astype(np.float32) - sensor.black) / sensor.levels, 0, 1).reshape(size)
-        for f in frames
-    ]
-    methods["OpenCV MergeDebevec, 8 bit"] = lambda: _opencv(linear)
-    if find_spec("colour_hdri"):
-        methods["colour-hdri"] = lambda: _colour_hdri(linear)
-    else:
-        print("colour-hdri is not installed: left out", file=sys.stderr)
-    times, errors = {}, {}
-    for name, method in methods.items():
-        began = time.process_time()
-        values = method()
-        times[name] = time.process_time() - began
-        with np.errstate(divide="ignore", invalid="ignore"):
-            off = np.log(values.reshape(world.shape) / world)
-        off = off[np.isfinite(off)]
-        errors[name] = 100 * float(np.sqrt(np.mean((off - np.median(off)) ** 2)))
-    for name in methods:
-        yield Figure(f"{name}: error", errors[name], "%")
-        yield Figure(f"{name}: CPU", times[name], "s")
-    others = [name for name in methods if name != "sixlight"]
-    best = min(errors[name] for name in others)
-    yield Figure("error over the best peer's", errors["sixlight"] / best, "times", high=1.0)
-    fastest = min(times[name] for name in others)
-    yield Figure("CPU of the fastest peer over ours", fastest / times["sixlight"], "times", low=3)
-
-
-def _opencv(linear):
-    import cv2
-
-    pictures = [np.rint(v * 255).astype(np.uint8) for v in linear]
-    response = np.linspace(1 / 255, 1, 256, dtype=np.float32)[:, None, None].repeat(3, axis=2)
-    debevec = cv2.createMergeDebevec()
-    return debevec.process(pictures, TAGS_S.astype(np.float32), response)
-
-
-def _colour_hdri(linear):
-    import colour_hdri
-
-    images = colour_hdri.ImageStack()
-    for data, t in zip(linear, TAGS_S, strict=True):
-        metadata = colour_hdri.Metadata(f_number=1.0, exposure_time=t, iso=100)
-        images.append(colour_hdri.Image(data=data, metadata=metadata))
-    return colour_hdri.image_stack_to_HDRI(images, colour_hdri.weighting_function_Debevec1997)
+    with tempfile.TemporaryDirectory() as folder:
+        true, astray = (
+            merge_peers.photographed(
+                [
+                    sensor.shoot(world, time_s, tag, rng)
+                    for time_s, tag in zip(times_s, TAGS_S, strict=True)
+                ],
+                world,
+                Path(folder),
+                name,
+            )
+            for name, times_s in (("true", TAGS_S), ("astray", TAGS_S * OFF))
+        )
+        yield from merge_peers.compared(true, astray)
 
 
 # ------------------------------------------------------------------------------------- files
@@ -252,7 +222,7 @@ def _files() -> Iterator[Figure]:
 def _photograph(folder: Path, *, filters: int, exposures: int) -> list[Bracket]:
     import cv2
 
-    camera = replace(Camera(), width=5184, height=3456)
+    camera = CAMERA
     rng = np.random.default_rng(1)
     brackets = []
     for f in range(filters):
@@ -261,18 +231,21 @@ def _photograph(folder: Path, *, filters: int, exposures: int) -> list[Bracket]:
         world = np.exp2(2.2 * cv2.resize(coarse, size, interpolation=cv2.INTER_CUBIC))
         world *= 0.1 * camera.full_well
         world[1000:1100, 2000:2100] *= 1e3  # a lamp
-        files, given = [], []
-        for i in range(exposures):
-            shutter = Shutter(-30 + 5 * i)
-            files.append(folder / f"{f}_{i}.dng")
-            shot = Shot(shutter.tag, datetime(2020, 1, 1), (1.0, 1.0, 1.0))
-            write_dng(
-                files[-1], expose(world, shutter.time_s, camera, rng), camera, shot, np.eye(3)
-            )
-            time_s = shutter.tag[0] / shutter.tag[1]
-            given.append({"time_s": time_s, "iso": camera.iso, "f_number": camera.f_number})
-        brackets.append(Bracket(files, given, folder))
+        brackets.append(_bracket(folder, f"{f}", world, rng, exposures))
     return brackets
+
+
+def _bracket(folder: Path, name: str, world, rng, exposures: int) -> Bracket:
+    """A world (H, W) of electrons per second, photographed by CAMERA."""
+    files, given = [], []
+    for i in range(exposures):
+        shutter = Shutter(-30 + 5 * i)
+        files.append(folder / f"{name}_{i}.dng")
+        shot = Shot(shutter.tag, datetime(2020, 1, 1), (1.0, 1.0, 1.0))
+        write_dng(files[-1], expose(world, shutter.time_s, CAMERA, rng), CAMERA, shot, np.eye(3))
+        time_s = shutter.tag[0] / shutter.tag[1]
+        given.append({"time_s": time_s, "iso": CAMERA.iso, "f_number": CAMERA.f_number})
+    return Bracket(files, given, folder)
 
 
 def _unpack(bracket: Bracket) -> None:
@@ -290,6 +263,65 @@ def _timed(function) -> tuple[float, float]:
     wall, cpu = time.perf_counter(), time.process_time()
     function()
     return time.perf_counter() - wall, time.process_time() - cpu
+
+
+def _region() -> Iterator[Figure]:
+    """A sphere that is two thirds as tall as the picture: found first, then no more merged than it.
+
+    Beside the rows of the whole frame: the same seven exposures of 18 megapixels.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        rng = np.random.default_rng(1)
+        bracket = _bracket(Path(folder), "sphere", _sphere_world(), rng, exposures=7)
+        found = _found(bracket)
+        unpacked, searched, merged = [], [], []
+        for _ in range(3):
+            unpacked.append(_timed(lambda: _unpack(bracket)))
+            searched.append(_timed(lambda: _found(bracket)))
+            merged.append(_timed(lambda: merge(replace(bracket, region=found.region))))
+    share = f"{100 * found.region.share:.0f} % of the frame"
+    unpacking, finding, merging = (np.min(v, axis=0) for v in (unpacked, searched, merged))
+    for i, what, bound in ((0, "wall", 1.25), (1, "CPU", None)):
+        of_region = merging[i] / unpacking[i]
+        both = (finding[i] + merging[i]) / unpacking[i]
+        yield Figure(f"{share}: develop + merge over unpacking, {what}", of_region, "times")
+        yield Figure(f"{share}: found first, over unpacking, {what}", both, "times", high=bound)
+
+
+def _sphere_world():
+    """Electrons per second (H, W): a wall with a lamp, and a mirror sphere before it."""
+    import cv2
+
+    rng, coarser = np.random.default_rng(3), 6
+    height, width = CAMERA.height // coarser, CAMERA.width // coarser
+    middle = width / 2, height / 2
+    sphere = Sphere.from_rim(
+        0.52 * width, 0.47 * height, 0.34 * height, principal_px=middle, **SPHERE
+    )
+    y, x = np.mgrid[:height, :width] + 0.5
+    coarse = rng.normal(0, 1, (9, 18)).astype(np.float32)  # as large as furniture
+    coarse[:, -1] = coarse[:, 0]  # all around
+    latlong = np.exp2(1.5 * cv2.resize(coarse, (1024, 512), interpolation=cv2.INTER_CUBIC))
+    latlong[150:180, 400:440] *= 300  # a lamp
+    d = sphere.direction_of(np.stack([x, y], axis=-1))
+    off = np.isnan(d[..., 0])
+    # What is beside the sphere lies behind it: the same world, seen straight through.
+    ray = np.stack([x - middle[0], y - middle[1], np.full_like(x, sphere.focal_px)], axis=-1)
+    d[off] = (ray @ sphere.world_from_camera.T)[off]
+    d /= np.linalg.norm(d, axis=-1, keepdims=True)
+    u = ((np.arctan2(d[..., 0], -d[..., 2]) / (2 * np.pi) + 0.5) * 1024).astype(np.float32)
+    v = (np.arccos(np.clip(d[..., 1], -1, 1)) / np.pi * 512).astype(np.float32)
+    seen = cv2.remap(latlong, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    seen[~off] *= 0.6
+    size = CAMERA.width, CAMERA.height
+    return 0.1 * CAMERA.full_well * cv2.resize(seen, size, interpolation=cv2.INTER_LINEAR)
+
+
+def _found(bracket: Bracket) -> Found:
+    order = [4, 3, 5]  # brighter ones first, as the step does
+    photographs = frames([bracket.files[i] for i in order], [bracket.exposures[i] for i in order])
+    with closing(photographs):
+        return find(photographs, frame_size=(CAMERA.height, CAMERA.width), **SPHERE)
 
 
 def _peak_mb(bracket: Bracket, exposures: int) -> float:

@@ -70,20 +70,31 @@ def samples(colours, time_s: float, rng) -> np.ndarray:
 def make(folder: Path) -> Path:
     """Writes the capture: cyan/, yellow/, C.csv, F.csv, capture.toml. Returns the folder."""
     rng = np.random.default_rng(20)
-    camera, filters = sensitivities(), transmittances()
-    for name, shift in SHIFTS.items():
-        image = sphere_tracer.photograph(CAMERA, world, steel, shift)
-        colours = image @ (camera.values * filters[name][:, None]) * 0.9  # full scales per second
-        (folder / name).mkdir(parents=True)
-        for i, (time_s, tag) in enumerate(zip(TIMES_S, TAGS, strict=True)):
-            write_shot(folder / name / f"{name}_{i}.dng", samples(colours, time_s, rng), tag)
-    write_spectra(folder / "C.csv", camera)
-    write_spectra(folder / "F.csv", filters)
+    for name in SHIFTS:
+        shoot(folder, name, rng)
+    write_spectra(folder / "C.csv", sensitivities())
+    write_spectra(folder / "F.csv", transmittances())
     (folder / "capture.toml").write_text(
         f'name = "small"\n[sphere]\nradius_mm = {RADIUS_MM}\ndistance_mm = {DISTANCE_MM}\n'
         'material = "stainless steel"\n[calibration]\ncamera = "C.csv"\nfilters = "F.csv"\n'
     )
     return folder
+
+
+def shoot(
+    folder: Path, name: str, rng, *, world=world, camera=CAMERA, glass=None, level=0.9
+) -> None:
+    """Writes the bracket of one filter.
+
+    glass  transmittance (36,) in front of the lens; None: that filter's
+    level  full scales a second of a light of 1
+    """
+    transmittance = transmittances()[name] if glass is None else glass
+    image = sphere_tracer.photograph(camera, world, steel, SHIFTS[name])
+    colours = image @ (sensitivities().values * transmittance[:, None]) * level
+    (folder / name).mkdir(parents=True, exist_ok=True)
+    for i, (time_s, tag) in enumerate(zip(TIMES_S, TAGS, strict=True)):
+        write_shot(folder / name / f"{name}_{i}.dng", samples(colours, time_s, rng), tag)
 
 
 def write_shot(path: Path, raw, tag=(1, 30), **tags) -> None:

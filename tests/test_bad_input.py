@@ -8,6 +8,8 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -89,6 +91,28 @@ def test_truncated_raw_files_are_all_named_at_once(refused, small):
     for path in (raws(small)[1], raws(small, "yellow")[2]):
         path.write_bytes(path.read_bytes()[:-20000])
     refused("cyan_1.dng", "yellow_2.dng", "cannot be decoded", lines=2)
+
+
+def test_data_damaged_within_are_refused_when_they_are_decoded(refused, small):
+    """Such a file is as long as it says. Only compressed data can show that they are wrong."""
+    pytest.importorskip("imagecodecs")
+    import rawpy
+
+    from pipeline.simulate.camera import Camera
+    from pipeline.simulate.dng import Shot, write_dng
+
+    levels = {"black_level": small_capture.BLACK, "saturation_level": small_capture.SATURATION}
+    for name in small_capture.SHIFTS:
+        for path, tag in zip(raws(small, name), small_capture.TAGS, strict=True):
+            with rawpy.imread(str(path)) as raw:
+                samples = raw.raw_image_visible.copy()
+            shot = Shot(tag, datetime(2020, 1, 1), (1.0, 1.0, 1.0))
+            write_dng(path, samples, replace(Camera(), **levels), shot, np.eye(3))
+    path = raws(small, "yellow")[1]
+    content = path.read_bytes()
+    middle = len(content) // 2
+    path.write_bytes(content[:middle] + bytes(9000) + content[middle + 9000 :])
+    refused("yellow_1.dng", "cannot be decoded")
 
 
 def test_no_colour_filter_array(refused, small):
@@ -289,7 +313,10 @@ def test_filters_and_camera_in_capture_toml(refused, small, added, line):
 @pytest.mark.parametrize(
     ("room", "said"),
     [
-        ("size_m = [4, 3, 5]", "room.sphere_m is missing (expected [x, y, z] in m)"),
+        (
+            "size_m = [4, 3, 5]",
+            "room.sphere_m is missing (expected [x, y, z] in m, or distant = true)",
+        ),
         ("size_m = [4, 3]\nsphere_m = [2, 1, 2]", "room.size_m is [4, 3]"),
         (
             "size_m = [4, 3, 5]\nsphere_m = [2, 3.5, 2]",
@@ -303,8 +330,21 @@ def test_filters_and_camera_in_capture_toml(refused, small, added, line):
             "size_m = [4, 3, 5]\nsphere_m = [2, 1, 2]\ncamera_m = [2, 1, 1]",
             "room.camera_m is [2.0, 1.0, 1.0] (expected its third number above 2.1",
         ),
+        ("size_m = [4, 3, 5]\ndistant = true", "room.size_m is given beside distant = true"),
+        (
+            "size_m = [4, 3, 5]\nsphere_m = [2, 1, 2]\ndistant = 1",
+            "room.distant is 1 (expected true or false)",
+        ),
     ],
-    ids=["no sphere", "two numbers", "sphere outside", "camera outside", "camera behind"],
+    ids=[
+        "no sphere",
+        "two numbers",
+        "sphere outside",
+        "camera outside",
+        "camera behind",
+        "near and far",
+        "no flag",
+    ],
 )
 def test_a_room_that_cannot_be(refused, small, room, said):
     path = small / "capture.toml"

@@ -97,13 +97,27 @@ def test_what_was_measured_is_carried_along_with_its_meaning(sixlight, tmp_path,
 def test_filled_copies_have_no_holes_and_no_stray_channels(sixlight, tmp_path, six):
     out = tmp_path / "latlong.exr"
     assert sixlight("convert", six, out, "--layout", "latlong", "--fill").status == 0
-    pixels, names, _ = read(out)
+    pixels, names, header = read(out)
     assert names == list(NAMES)
     assert np.isfinite(pixels).all()
+    share = float(header["filled"].split("smoothly, ")[1].split("%")[0]) / 100
+    np.testing.assert_allclose(share, (1 - 0.9) / 2, atol=0.02)  # the cap's, in texels
     at = LATLONG.direction(0, (np.arange(64) + 0.5)[None] / 64, (np.arange(32) + 0.5)[:, None] / 32)
     hidden = at[..., 2] < -0.9
     assert np.abs(pixels[hidden][:, :3] - colours(at[hidden])).max() < 0.6  # a smooth guess
     assert np.abs(pixels[~hidden][:, :3] - colours(at[~hidden])).max() < 0.2
+
+
+def test_what_was_filled_stays_marked_and_what_had_no_holes_is_not(sixlight, tmp_path, six, rgb):
+    filled, again, whole = (tmp_path / f"{name}.exr" for name in ("filled", "again", "whole"))
+    assert sixlight("convert", six, filled, "--layout", "latlong", "--fill").status == 0
+    assert sixlight("convert", filled, again, "--layout", "angular").status == 0
+    assert sixlight("convert", rgb, whole, "--layout", "latlong", "--fill").status == 0
+    assert read(again)[2]["filled"] == read(filled)[2]["filled"]
+    assert "filled" not in read(whole)[2]
+    texture = tmp_path / "out.ktx2"
+    assert sixlight("convert", six, texture, "--channels", "P1,P2,P3").status == 0
+    assert "filled smoothly" in test_ktx2.parse(texture.read_bytes()).header["sixlight:filled"]
 
 
 def test_channels_are_chosen_by_name_and_engines_get_them_as_rgb(sixlight, tmp_path, six):
@@ -311,14 +325,15 @@ def ball(tmp_path):
     world = smooth_world(1, channels=3)
     values = photograph(camera, world, chromium, samples=1, rim_samples=4)
     values *= 1 + 0.003 * np.random.default_rng(5).normal(size=values.shape)
-    path = tmp_path / "ball.exr"
-    io.write_exr(path, values, "RGB", {})
-    return path, world
+    io.write_exr(tmp_path / "ball.exr", values, "RGB", {})
+    io.write_rgb(tmp_path / "ball.hdr", values, "")
+    return tmp_path, world
 
 
-@pytest.mark.parametrize("how", ["found", "told"])
-def test_a_photographed_ball_becomes_a_cube(sixlight, tmp_path, ball, how):
-    path, world = ball
+@pytest.mark.parametrize(("how", "suffix"), [("found", "exr"), ("told", "hdr")])
+def test_a_photographed_ball_becomes_a_cube(sixlight, tmp_path, ball, how, suffix):
+    folder, world = ball
+    path = folder / f"ball.{suffix}"
     out = tmp_path / "cube.exr"
     given = ["--outline", "150,118,80"] if how == "told" else []
     made = sixlight(

@@ -58,5 +58,33 @@ def test_panda3d_reads_the_same(tmp_path):
         kind = "<f2" if texture.component_width == 2 else "<f4"
         n = wanted.shape[1]
         read = np.frombuffer(bytes(texture.get_ram_mipmap_image(k)), kind).reshape(6, n, n, 4)
-        # Panda3D keeps images bottom up, blue first.
-        np.testing.assert_array_equal(read[:, ::-1, :, 2::-1], wanted)
+        # Panda3D keeps images bottom up, blue first, and turns files into its world, which has +Z
+        # up and looks to +Y: our -Z, +Z, +Y and -Y are its +Y, -Y, +Z and -Z.
+        np.testing.assert_array_equal(read[:, ::-1, :, 2::-1], wanted[[0, 1, 5, 4, 2, 3]])
+
+
+def test_openimageio_says_which_format_it_cannot_read(tmp_path):
+    """It takes the header and stops at the format: of floats it reads but BC6H (3.2, 2026)."""
+    import OpenImageIO as oiio
+
+    path = tmp_path / "a.dds"
+    dds.write(path, mips(8))
+    if oiio.ImageInput.open(str(path)) is None:
+        assert "DXGI format: 10" in oiio.geterror()  # DXGI_FORMAT_R16G16B16A16_FLOAT
+    # With a format of 8 bits that it does read, and as many bytes a texel, faces and mips are
+    # where it looks for them: two of its texels a texel of ours.
+    content = bytearray(path.read_bytes())
+    struct.pack_into("<I", content, 128, 28)  # DXGI_FORMAT_R8G8B8A8_UNORM
+    halved = b"".join(
+        level[face].astype(np.uint8).tobytes()
+        for face in range(6)
+        for level in [np.repeat(m[..., 2:], 4, axis=-1) for m in mips(8)]
+    )
+    path.write_bytes(bytes(content[:148]) + halved)
+    image = oiio.ImageInput.open(str(path))
+    assert image is not None, oiio.geterror()
+    assert image.spec()["textureformat"] == "CubeFace Environment"
+    assert image.spec()["dds:CubeMapSides"] == "+x -x +y -y +z -z"
+    faces = image.read_image("uint8").reshape(6, 8, 8, 4)
+    image.close()
+    np.testing.assert_array_equal(faces[..., 0], mips(8)[0][..., 2])

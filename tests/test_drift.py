@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import furnished_room
 import numpy as np
@@ -10,9 +11,10 @@ import pytest
 import small_capture
 
 from calibration import bands as camera_bands
-from calibration import training
+from calibration import fit, sets, training
 from pipeline import capture as captures
 from pipeline import io
+from pipeline.capture import Calibration
 from pipeline.settings import Settings
 from pipeline.steps import STEPS
 from stages import cube
@@ -36,6 +38,12 @@ def known(sensitivities):
     lights, surfaces = training.checked(None, None)
     reflectances = training.with_white(surfaces)[0][::4]
     return training.lit(lights.values.T, reflectances) @ sensitivities
+
+
+def chart_under(lights, sensitivities):
+    """What the bands see of a chart in a calibration session."""
+    patches, spectra = sets.surfaces("colorchecker24").values.T, sets.lights("darling2011")
+    return np.concatenate([patches * spectra[light] for light in lights]) @ sensitivities
 
 
 @pytest.fixture(scope="module")
@@ -132,6 +140,28 @@ def test_a_change_of_all_light_is_told_where_the_spectra_are_known(photographed,
     assert worth_telling([blind_to_it], NAMES) == []
 
 
+@pytest.mark.parametrize("lights", [("A", "D65", "F11"), ("A", "D50", "D65", "F2", "F11")])
+def test_a_chart_under_some_lights_shows_a_change_of_all_light(photographed, sensitivities, lights):
+    seen = chart_under(lights, sensitivities)
+    for seed in range(3):
+        room = furnished_room.furnished(seed)
+        bands = photographed(room, room, seed)
+        assert worth_telling(drift(bands, known=seen), NAMES) == []
+        bands.values[..., 3:] *= 0.9
+        bands.variance[..., 3:] *= 0.9**2
+        change = drift(bands, known=seen)[0]
+        assert change.overall == pytest.approx(0.9, abs=0.015)
+        assert any("all light changed" in said for said in worth_telling([change], NAMES))
+
+
+def test_too_few_known_spectra_are_as_good_as_none(photographed, sensitivities):
+    room = furnished_room.furnished(1)
+    bands = photographed(room, room, 1)
+    few, none = (drift(bands, known=k)[0] for k in (chart_under(["D65"], sensitivities), None))
+    assert few.overall is None
+    np.testing.assert_array_equal(few.log_ratio, none.log_ratio)
+
+
 def test_sigma_is_what_noise_makes_of_a_room_of_one_grey(known, sensitivities):
     """Where all spectra are alike only noise is left: at a tenth of the signal it rules sigma."""
     rng = np.random.default_rng(3)
@@ -200,7 +230,7 @@ def drift_of(small_capture_once, finished_once, tmp_path_factory):
     step = next(step for step in STEPS if step.name == "drift")
     folder = tmp_path_factory.mktemp("drift")
 
-    def run(factor):
+    def run(factor, capture=capture):
         bands, names = io.read_measured(finished_once / "cubemap_bands.exr", cube=True)
         bands.values[..., 3:] *= factor
         io.write_measured(folder / "bands.exr", bands, names, {})
@@ -231,6 +261,26 @@ def test_photographs_of_less_light_are_told_to_be_so(drift_of):
     assert np.nanmedian(maps[..., 0]) == pytest.approx(np.log(0.9), abs=0.02)
     assert np.nanmedian(maps[..., 1]) < -4
     assert "cyan" in header["unit"]
+
+
+def test_a_matrix_fitted_to_a_chart_tells_less_light_too(
+    drift_of, small_capture_once, sensitivities, tmp_path
+):
+    """No curves of camera and filters, only what M_S.toml holds of its chart's session."""
+    capture = captures.load(small_capture_once)
+
+    def fitted(signals):
+        fit.write_transform(tmp_path / "M_S.toml", replace(capture.transform, signals=signals))
+        return replace(capture, calibration=Calibration(transform=tmp_path / "M_S.toml"))
+
+    learnt, _ = drift_of(0.9, fitted(None))  # as earlier versions wrote it
+    assert not learnt["absolute"]
+    assert learnt["filters"]["yellow"]["overall_ratio"] is None
+    seen = chart_under(("A", "D50", "D65", "F2", "F11"), sensitivities)
+    learnt, _ = drift_of(0.9, fitted(seen))
+    assert learnt["absolute"]
+    assert learnt["filters"]["yellow"]["overall_ratio"] == pytest.approx(0.9, abs=0.02)
+    assert any("all light changed to 0." in note for note in learnt["notes"])
 
 
 @pytest.mark.parametrize("as_tagged", [False, True])

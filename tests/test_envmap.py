@@ -181,7 +181,7 @@ def test_touching_a_file_changes_nothing(sixlight, small, finished):
 
 
 def test_a_setting_reruns_what_hangs_on_it(sixlight, small, finished):
-    assert again(sixlight, small, finished, "--preview-samples", "16") == ["preview"]
+    assert again(sixlight, small, finished, "--preview-samples", "16") == ["preview", "report"]
 
 
 def test_the_metal_reruns_what_hangs_on_it(sixlight, small, finished):
@@ -189,7 +189,8 @@ def test_the_metal_reruns_what_hangs_on_it(sixlight, small, finished):
     toml.write_text(toml.read_text().replace("stainless steel", "chromium"))
     done = again(sixlight, small, finished)
     assert done[0] == "locate"  # the rim is told by what the metal mirrors beside it
-    assert done[-3:] == ["normalise", "export", "preview"]
+    later = ["normalise", "illuminants", "export", "preview", "view", "report"]
+    assert done[-len(later) :] == later
 
 
 def test_a_photograph_reruns_its_own_filter_only(sixlight, small, finished):
@@ -204,7 +205,7 @@ def test_a_photograph_reruns_its_own_filter_only(sixlight, small, finished):
 def test_a_spoilt_result_is_made_again(sixlight, small, finished):
     before = (finished / "cubemap.exr").read_bytes()
     (finished / "cubemap.exr").write_bytes(before[:1000])
-    assert again(sixlight, small, finished) == ["normalise"]
+    assert again(sixlight, small, finished) == ["normalise", "report"]
     assert (finished / "cubemap.exr").read_bytes() == before
 
 

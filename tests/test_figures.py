@@ -4,16 +4,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration import primaries, sets
-from pipeline import io
-from stages.prefilter import mean
-
-pytest.importorskip("matplotlib", reason="the extra `plots` is not installed")
-
 from benchmarks.figures import __main__ as command
 from benchmarks.figures import errors, page
 from benchmarks.figures.setting import WAYS, Setting, upright
 from benchmarks.figures.sheet import WIDTH, Sheet, columns
+from calibration import primaries, sets
+from pipeline import io
+from stages.prefilter import mean
 
 DOCS = Path(__file__).parent.parent / "docs"
 MOST_BYTES = 6_000_000

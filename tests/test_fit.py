@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -544,6 +545,31 @@ def test_a_faulty_file_is_refused_and_named(tmp_path, known, old, new, says):
     assert all(line.startswith(f"{path}: ") for line in str(caught.value).splitlines())
 
 
+def with_signals(known, rows):
+    return replace(known, signals=np.random.default_rng(4).lognormal(0, 3, (rows, 6)))
+
+
+@pytest.mark.parametrize(("rows", "kept"), [(120, 120), (700, 234)])
+def test_what_a_chart_sent_is_kept_beside_the_matrix(tmp_path, known, rows, kept):
+    made = with_signals(known, rows)
+    fit.write_transform(tmp_path / "M_S.toml", made)
+    back = fit.read_transform(tmp_path / "M_S.toml")
+    assert back.signals.shape == (kept, 6)
+    np.testing.assert_allclose(back.signals, made.signals[:: -(-rows // kept)], rtol=5e-4)
+    np.testing.assert_array_equal(back.matrix, known.matrix)
+    assert len(fit.to_toml(made)) < len(fit.to_toml(known)) + 70 * kept
+
+
+@pytest.mark.parametrize(
+    "rows", ["[[1.0, 2.0]]", "[[nan, 1, 1, 1, 1, 1]]", '"none"', "[[1.0], []]"]
+)
+def test_faulty_signals_of_a_chart_are_refused(tmp_path, known, rows):
+    path = tmp_path / "M_S.toml"
+    path.write_text(fit.to_toml(known) + f"\n[chart]\nsignals = {rows}\n")
+    with pytest.raises(InputError, match=r"M_S\.toml: chart\.signals are no table"):
+        fit.read_transform(path)
+
+
 def test_a_missing_file_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"M_S\.toml: no such file"):
         fit.read_transform(tmp_path / "M_S.toml")
@@ -554,6 +580,10 @@ def test_bands_in_another_order_are_put_right(known, primaries):
     got = fit.matched(known, order, primaries)
     assert got.channels == tuple(order)
     np.testing.assert_array_equal(got.matrix[:, 0], known.matrix[:, 3])
+    assert got.signals is None
+    made = with_signals(known, 30)
+    got = fit.matched(made, order, primaries)
+    np.testing.assert_array_equal(got.signals[:, 0], made.signals[:, 3])
 
 
 def test_a_transform_for_other_bands_or_primaries_is_refused(known, primaries):

@@ -1,5 +1,3 @@
-import sys
-
 import cv2
 import numpy as np
 import pytest
@@ -11,8 +9,6 @@ from calibration.bands import sensitivities
 from calibration.errors import InputError
 from pipeline import fit_plots
 from pipeline.fitting import Fitted
-
-pytest.importorskip("matplotlib", reason="the extra `plots` is not installed")
 
 LIGHTS = ("A", "D65")
 SIGNED = primaries.load("signed6")
@@ -60,14 +56,3 @@ def test_known_curves_need_no_chart_and_pictures_of_others_are_kept(tmp_path):
     with pytest.raises(InputError, match=r"noise\.png: exists and is not ours"):
         fit_plots.check(tmp_path, force=False)
     fit_plots.check(tmp_path, force=True)
-
-
-def test_without_matplotlib_the_command_to_install_it_is_said_before_any_work(
-    sixlight, tmp_path, monkeypatch
-):
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    outcome = sixlight("fit", tmp_path / "nowhere", "--plots", tmp_path / "plots")
-    assert outcome.status == 2
-    assert "pip install 'sixlight[plots]'" in outcome.err
-    assert len(outcome.err.splitlines()) == 1
-    assert not (tmp_path / "plots").exists()

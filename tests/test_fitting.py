@@ -57,21 +57,36 @@ def photograph(folder, light, rng, *, level=0.6, colours=(1.0, 1.0, 1.0)) -> Non
 
     colours  what is left of the light in R, G and B
     """
-    signals = patches_under(light) @ bands() * 4  # full scales per second
+    signals = _signals(light)
     for k, name in enumerate(small_capture.SHIFTS):
         (folder / light / name).mkdir(exist_ok=True)
-        image = (signals[:, 3 * k : 3 * k + 3] * colours).reshape(ROWS, COLUMNS, 3)
-        image = np.kron(image, np.ones((PATCH_PX, PATCH_PX, 1)))
-        mosaic = np.empty(image.shape[:2])
-        for row in (0, 1):
-            for column in (0, 1):
-                mosaic[row::2, column::2] = image[row::2, column::2, row + column]
+        mosaic = _mosaic(signals[:, 3 * k : 3 * k + 3] * colours)
         time_s = level / mosaic.max()
-        electrons = rng.poisson(mosaic * time_s * 40000) / 40000
-        scale = small_capture.SATURATION - small_capture.BLACK
-        raw = np.round(small_capture.BLACK + np.minimum(electrons, 1.0) * scale).astype(np.uint16)
         tag = (round(time_s * 1e6), 10**6)
+        raw = _raw(mosaic * time_s, rng)
         small_capture.write_shot(folder / light / name / "chart.dng", raw, tag)
+
+
+def _signals(light) -> np.ndarray:
+    """Of the patches (24, 6), full scales per second."""
+    return patches_under(light) @ bands() * 4
+
+
+def _mosaic(colours) -> np.ndarray:
+    """The chart as the sensor sees patches of three colours (24, 3)."""
+    image = np.kron(colours.reshape(ROWS, COLUMNS, 3), np.ones((PATCH_PX, PATCH_PX, 1)))
+    mosaic = np.empty(image.shape[:2])
+    for row in (0, 1):
+        for column in (0, 1):
+            mosaic[row::2, column::2] = image[row::2, column::2, row + column]
+    return mosaic
+
+
+def _raw(mosaic, rng) -> np.ndarray:
+    """Raw samples of a mosaic in full scale."""
+    electrons = rng.poisson(mosaic * 40000) / 40000
+    scale = small_capture.SATURATION - small_capture.BLACK
+    return np.round(small_capture.BLACK + np.minimum(electrons, 1.0) * scale).astype(np.uint16)
 
 
 def test_a_chart_session_gives_m_s_in_absolute_units(sixlight, session, tmp_path):
@@ -84,6 +99,9 @@ def test_a_chart_session_gives_m_s_in_absolute_units(sixlight, session, tmp_path
     assert transform.method == "ridge"
     assert set(transform.figures) >= {"training_delta_e", "leave_one_light_out_delta_e"}
     assert len(transform.inputs) == 5 * 3 + 1
+    seen = np.concatenate([_signals(light) for light in LIGHTS]) * 64  # f/8, ISO 100
+    assert transform.signals.shape == seen.shape
+    np.testing.assert_allclose(transform.signals / seen, 1, rtol=0.05)  # photon noise of dark bands
     # As good as signals that were never photographed: f/8, ISO 100.
     exact = fit.from_chart(
         {light: patches_under(light) @ bands() * 4 * 64 for light in LIGHTS},
@@ -99,9 +117,33 @@ def test_a_chart_session_gives_m_s_in_absolute_units(sixlight, session, tmp_path
     assert transform.figures["training_delta_e"]["mean"] < 1.0
 
 
+def test_a_session_of_rounded_times_is_on_one_scale(session, tmp_path):
+    """An electronic shutter, 1/60 is 1/60. The first light's brackets alone would pass for 1/64 and
+    1/16, and its signals for 7 % brighter than the others'."""
+    rng = np.random.default_rng(9)
+    folder = shutil.copytree(session, tmp_path / "session")
+    most = max(_signals(light).max() for light in LIGHTS)
+    truth = {light: _signals(light) * 9 / most for light in LIGHTS}  # full scales per second
+    for light in LIGHTS:
+        tags = (60, 15) if light == LIGHTS[0] else (500, 60)
+        for k, name in enumerate(small_capture.SHIFTS):
+            (folder / light / name / "chart.dng").unlink()
+            mosaic = _mosaic(truth[light][:, 3 * k : 3 * k + 3])
+            for tag in tags:
+                raw = _raw(mosaic / tag, rng)
+                small_capture.write_shot(folder / light / name / f"{tag}.dng", raw, (1, tag))
+    fitted = fitting.from_session(folder, None, "ridge", quiet=True)
+    assert fitted.transform.figures["notes"] == []
+    for light, signals in zip(fitted.chart.lights, fitted.chart.signals, strict=True):
+        seen, known = (v.reshape(24, 2, 3).sum(axis=(0, 2)) for v in (signals, truth[light]))
+        # f/8. Exposures are solved to .1 %; a filter's bands of all patches are known better.
+        np.testing.assert_allclose(seen / (64 * known), 1, atol=0.003)
+
+
 def test_the_same_session_gives_m_r(session):
     fitted = fitting.from_session(session, None, "ridge", reflectance=True, quiet=True)
     assert fitted.transform.quantity == "reflectance"
+    assert fitted.transform.signals is None
     np.testing.assert_allclose(fitted.transform.matrix @ np.ones(6), 1.0, atol=0.01)
     assert "reflectance factor" in fitting.as_text(fitted, session)
     by_light = fitted.residuals.delta_e.mean(axis=1)

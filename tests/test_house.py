@@ -60,10 +60,14 @@ def test_glsl_lives_in_shaders_alone():
             assert not re.search(r"\bvoid\s+main\s*\(|gl_Position|#version", path.read_text()), path
 
 
+PAGES = {"report", "view"}  # steps that write a page, and are no stages
+
+
 def test_a_stage_is_a_file_named_by_its_verb():
     for step in STEPS:
-        text = (ROOT / "stages" / f"{step.name}.py").read_text()
-        assert f"\ndef {step.name}(" in text
+        if step.name not in PAGES:
+            text = (ROOT / "stages" / f"{step.name}.py").read_text()
+            assert f"\ndef {step.name}(" in text
 
 
 def test_steps_are_printed_from_the_list(sixlight):
@@ -74,7 +78,7 @@ def test_steps_are_printed_from_the_list(sixlight):
 
 
 def test_every_step_reads_what_an_earlier_one_made():
-    made = {"raw", "dark", "flat"}
+    made = {"raw", "dark", "flat", "result.json"}
     for step in STEPS:
         assert set(step.reads) <= made, step.name
         made |= set(step.makes)

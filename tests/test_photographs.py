@@ -1,11 +1,13 @@
 import json
+import math
+import struct
 
 import numpy as np
 import plain_dng
 import pytest
 import small_capture
 
-from pipeline import capture
+from pipeline import capture, io
 
 QUICK = {"black_level": small_capture.BLACK, "saturation_level": small_capture.SATURATION}
 
@@ -38,6 +40,62 @@ def test_what_changes_within_a_bracket_is_told(small):
     assert "cyan: ISO changes within the bracket (100, 200)" in said
     assert "yellow: aperture changes within the bracket (f/8, f/11)" in said
     assert "cyan: aperture" not in said
+
+
+def refocus(folder, name, distances_m):
+    for path, focus_m in zip(sorted((folder / name).iterdir()), distances_m, strict=True):
+        retag(path, focus_m=focus_m)
+
+
+def test_a_focus_that_changes_is_told(small):
+    count = len(list((small / "cyan").iterdir()))
+    metre, far, unknown = (1, 1), (2**32 - 1, 1), (0, 1)
+    refocus(small, "cyan", [metre] * count)
+    refocus(small, "yellow", [unknown] + [metre] * (count - 1))
+    assert "focus" not in notes(small)
+    refocus(small, "yellow", [(12, 10)] * count)
+    assert "focus changes between the filters (cyan 1 m, yellow 1.2 m)" in notes(small)
+    refocus(small, "cyan", [metre] * (count - 1) + [far])
+    assert "cyan: focus changes within the bracket (1 m, infinity)" in notes(small)
+
+
+def directory(entries, at):
+    """A TIFF directory, little endian, of tag -> (type, count, bytes), to lie at `at`."""
+    table, data = struct.pack("<H", len(entries)), b""
+    data_at = at + 2 + 12 * len(entries) + 4
+    for tag, (kind, count, value) in sorted(entries.items()):
+        here = value if len(value) <= 4 else struct.pack("<I", data_at + len(data))
+        table += struct.pack("<HHI", tag, kind, count) + here.ljust(4, b"\0")
+        data += value if len(value) > 4 else b""
+    return table + bytes(4) + data
+
+
+@pytest.mark.parametrize(
+    ("make", "note", "focus_m"),
+    [
+        ("Canon", {4: (3, 34, struct.pack("<34H", *[0] * 19, 187, *[0] * 14))}, 1.87),
+        ("Canon", {4: (3, 34, struct.pack("<34H", *[0] * 19, 65535, *[0] * 14))}, math.inf),
+        ("Canon", {4: (3, 34, bytes(68))}, None),
+        ("NIKON", {0x85: (5, 1, struct.pack("<2I", 15, 10))}, 1.5),
+        ("Other", {4: (3, 34, bytes(68))}, None),
+        ("Canon", {4: (3, 60000, struct.pack("<I", 2**31))}, None),  # leads out of the file
+    ],
+)
+def test_the_focus_is_read_from_makers_notes(tmp_path, make, note, focus_m):
+    head = struct.pack("<2sHI", b"II", 42, 8)
+    name = make.encode() + b"\0"
+
+    def built(exif_at, note_at, size):
+        main = {271: (2, len(name), name), 34665: (4, 1, struct.pack("<I", exif_at))}
+        made = directory(note, note_at)
+        return directory(main, 8), directory({0x927C: (7, size, made.ljust(size))}, exif_at), made
+
+    main, exif, made = built(0, 0, 5)  # for their lengths
+    exif_at = 8 + len(main)
+    main, exif, _ = built(exif_at, exif_at + 2 + 12 + 4, len(made))
+    file = tmp_path / "photograph.tif"
+    file.write_bytes(head + main + exif)
+    assert io._focus_m(io._tags(file)) == (None if focus_m is None else pytest.approx(focus_m))
 
 
 def test_dark_and_flat_frames_are_found(small):

@@ -118,6 +118,37 @@ def test_different_exposures_are_noted(folder):
     assert "exposure times" in session.notes[0]
 
 
+def test_surface_and_white_of_other_times_are_on_one_scale(folder):
+    """An electronic shutter: 1/60 is 1/60. The white's times alone would pass for 1/64 and 1/16."""
+    rng = np.random.default_rng(7)
+    for name, tags in (("surface", ((1, 500), (1, 60))), ("white", ((1, 60), (1, 15)))):
+        shutil.rmtree(folder / name)
+        times_s = [numerator / denominator for numerator, denominator in tags]
+        flat_capture.photograph(
+            folder / name, flat_capture.white, rng, times_s=times_s, tags=tags, dim=0.3
+        )
+    session = reflectance.load(folder / "surface", folder / "white", folder / "M_R.toml")
+    figures = reflectance.reflectance(session, folder / "out.exr", quiet=True)
+    measured, _ = io.read_measured(folder / "out.exr")
+    # 1 % is what .1 % of an exposure may come to in this matrix; 1/64 for 1/60 would be 7.
+    np.testing.assert_allclose(np.nanmean(measured.values, axis=(0, 1)), 1, atol=0.01)
+    assert not any("shutter's true times" in note for note in figures["notes"])
+
+
+def test_a_shutter_that_surface_and_white_do_not_tell_is_noted(folder):
+    rng = np.random.default_rng(8)
+    for name, tag in (("surface", (1, 500)), ("white", (1, 60))):
+        shutil.rmtree(folder / name)
+        flat_capture.photograph(
+            folder / name, flat_capture.white, rng, times_s=[tag[0] / tag[1]], tags=[tag], dim=0.3
+        )
+    session = reflectance.load(folder / "surface", folder / "white", folder / "M_R.toml")
+    notes = reflectance.reflectance(session, folder / "out.exr", quiet=True)["notes"]
+    assert any(
+        "surface through cyan and the 3 others may differ in scale by 4.2%" in n for n in notes
+    )
+
+
 def spoil_rename(folder):
     (folder / "white" / "yellow").rename(folder / "white" / "amber")
 

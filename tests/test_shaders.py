@@ -48,6 +48,9 @@ PAIRS = [
     ("surface.vert", "surface.frag", ("SHADED",)),
     *[("screen.vert", name, ("SHADED", "ANGULAR", "TEXTURED")) for name in SURFACES],
     ("screen.vert", "environment.frag", ()),
+    ("screen.vert", "latlong.frag", ()),
+    ("screen.vert", "reduce.frag", ()),
+    ("screen.vert", "display.frag", ()),
     ("shadow.vert", "shadow.frag", ()),
 ]
 

@@ -1,0 +1,169 @@
+"""Kills runs at random moments, and looks at what they leave.
+
+    python -m benchmarks.kills [COUNT] [--seed N] [--whole]
+
+After each SIGKILL every result that stands must be, byte for byte, what an undisturbed run makes,
+and `sixlight verify` must say what is missing, or that nothing is; the next run goes on from there.
+Once one has come through, `verify` must hold, and the folder is emptied for the next. The capture
+is the tests' small one, without a calibration unless --whole is given.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import multiprocessing
+import os
+import random
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.errors import InputError
+from pipeline.verify import verify
+
+_TIMED = ("result.json", "report.html")  # tell how many seconds steps took
+_OURS = ("pipeline.cli", "pipeline.runner", "pipeline.capture", "pipeline.steps")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Of many kills.
+
+    kills     runs that were killed before they ended
+    through   runs that came through between, and were whole
+    named     kills after which verify named something, against nothing to verify yet
+    wrong     sentences, one a result that was not what it ought to be; empty where all is well
+    """
+
+    kills: int
+    through: int
+    named: int
+    wrong: tuple[str, ...]
+
+
+def kill(capture: Path, folder: Path, count: int, seed: int, *options: str) -> Outcome:
+    """Kills `count` runs over a capture.
+
+    folder   empty; for outputs
+    options  of `sixlight envmap`
+    """
+    # Processes begin with everything imported, so that kills fall upon the work.
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(list(_OURS))
+    moments = random.Random(seed)
+    calm, out = folder / "calm", folder / "out"
+    began = time.monotonic()
+    run = _started(context, capture, calm, options)
+    run.join()
+    assert run.exitcode == 0, "an undisturbed run failed"
+    seconds, expected = time.monotonic() - began, _results(calm)
+    kills = through = named = 0
+    wrong: list[str] = []
+    while kills < count:
+        run = _started(context, capture, out, options)
+        run.join(moments.uniform(0.0, seconds / 2))
+        alive = run.is_alive()
+        if alive and run.pid is not None:
+            os.kill(run.pid, signal.SIGKILL)
+        run.join()
+        wrong += _differing(out, expected, f"kill {kills}")
+        problems = _problems(out)
+        if alive:
+            kills += 1
+            named += bool(problems)
+            # What a kill leaves is what steps did not come to: never a file that is there, but not
+            # what its stamp says, but for the moment between a file's move and its stamp's.
+            complete = _results(out).keys() == expected.keys() and problems == []
+            if not complete and problems == []:
+                wrong.append(f"kill {kills}: verify holds over missing results")
+            continue
+        through += 1
+        if run.exitcode != 0:
+            wrong.append(f"a run after kill {kills} ended with status {run.exitcode}")
+        wrong += [f"after kill {kills}, through: {p}" for p in problems or ()]
+        if _results(out) != expected:
+            wrong.append(f"after kill {kills} a run came through, but not with all results")
+        shutil.rmtree(out)
+    last = _started(context, capture, out, options)
+    last.join()
+    if last.exitcode != 0 or _results(out) != expected or _problems(out):
+        wrong.append("the run after the last kill did not end as an undisturbed one")
+    return Outcome(kills, through, named, tuple(wrong))
+
+
+def _started(context, capture: Path, out: Path, options: tuple[str, ...]):
+    process = context.Process(target=_envmap, args=(capture, out, options))
+    process.start()
+    return process
+
+
+def _envmap(capture: Path, out: Path, options: tuple[str, ...]) -> None:
+    from pipeline import cli
+
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    sys.exit(cli.status(["envmap", str(capture), "-o", str(out), "--quiet", *options]))
+
+
+def _results(out: Path) -> dict[str, str]:
+    """Results by digest, without those that tell the time."""
+    return {
+        path.name: hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(out.glob("*"))
+        if path.is_file() and path.name not in _TIMED
+    }
+
+
+def _differing(out: Path, expected: dict[str, str], when: str) -> list[str]:
+    return [
+        f"{when}: {name} is not what an undisturbed run makes"
+        for name, digest in _results(out).items()
+        if expected.get(name) != digest
+    ]
+
+
+def _problems(out: Path) -> list[str] | None:
+    """What verify says; None where it says that there is nothing to verify yet."""
+    try:
+        return list(verify(out)["problems"])
+    except InputError:
+        return None
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("count", nargs="?", type=int, default=500)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--whole", action="store_true", help="with a calibration, all results")
+    given = parser.parse_args()
+    sys.path.insert(0, "tests")
+    import small_capture
+
+    with tempfile.TemporaryDirectory() as place:
+        capture = small_capture.make(_folder(Path(place) / "small"))
+        if not given.whole:
+            toml = capture / "capture.toml"
+            toml.write_text(toml.read_text().split("[calibration]")[0])
+        began = time.monotonic()
+        done = kill(capture, _folder(Path(place) / "outs"), given.count, given.seed)
+    print(
+        f"{done.kills} kills in {time.monotonic() - began:.0f} s, seed {given.seed};"
+        f" verify named what was missing after {done.named}; {done.through} runs came through whole"
+    )
+    for line in done.wrong:
+        print(line)
+    return 1 if done.wrong else 0
+
+
+def _folder(path: Path) -> Path:
+    path.mkdir()
+    return path
+
+
+if __name__ == "__main__":
+    sys.exit(main())

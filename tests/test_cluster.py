@@ -1,0 +1,146 @@
+"""Captures done by the workers of a real Dask cluster: each once, though workers die."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+
+# In place of `envmap`: takes the output's lock, as a run does, and leaves word of each end.
+STAND_IN = '''
+import sys
+from pipeline import batch
+
+PROGRAM = """
+import fcntl, json, pathlib, sys, time
+out = pathlib.Path(sys.argv[1])
+(out / "work").mkdir(parents=True, exist_ok=True)
+with (out / "work" / "lock").open("w") as lock:
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        sys.exit(print("another run is writing here", file=sys.stderr) or 2)
+    if (out / "result.json").exists():
+        sys.exit()  # current: its worker died before it could say so
+    time.sleep(0.4)
+    with (out / "done").open("a") as done:
+        done.write("x")
+    (out / "result.json").write_text(json.dumps({"verdict": {"grade": "good"}}))
+"""
+batch._command = lambda folder, out, settings, force: [sys.executable, "-c", PROGRAM, str(out)]
+'''
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    """Starts a scheduler and workers; cluster(count, *options) -> its address, the workers."""
+    pytest.importorskip("distributed", reason="needs pip install 'sixlight[cluster]'")
+    processes: list[subprocess.Popen] = []
+    address = tmp_path / "scheduler.json"
+
+    def process(module: str, *options) -> subprocess.Popen:
+        command = [sys.executable, "-m", f"distributed.cli.{module}", "--scheduler-file", address]
+        log = (tmp_path / f"{module}{len(processes)}.log").open("w")
+        processes.append(
+            subprocess.Popen(
+                [*command, *options, "--no-dashboard"],
+                stderr=log,
+                env={**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"},
+            )
+        )
+        log.close()
+        return processes[-1]
+
+    def start(count: int, *options) -> tuple[str, list[subprocess.Popen]]:
+        process("dask_scheduler", "--host", "127.0.0.1", "--port", "0")
+        until = time.monotonic() + 120
+        while not address.exists():
+            assert time.monotonic() < until
+            time.sleep(0.1)
+        time.sleep(0.2)
+        workers = [
+            process(
+                *("dask_worker", "--no-nanny", "--nthreads", "1", "--name", f"w{i}"),
+                *("--local-directory", tmp_path / "scratch", *options),
+            )
+            for i in range(count)
+        ]
+        return json.loads(address.read_text())["address"], workers
+
+    yield start
+    for each in reversed(processes):
+        each.kill()
+        each.wait()
+
+
+def batch(*arguments) -> subprocess.Popen:
+    return subprocess.Popen(
+        [sys.executable, "-m", "pipeline", "batch", *map(str, arguments)],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+@pytest.mark.slow
+def test_all_are_done_once_though_a_worker_is_killed(cluster, tmp_path):
+    (tmp_path / "stand_in.py").write_text(STAND_IN)
+    for i in range(12):
+        (tmp_path / "shoot" / f"c{i:02}").mkdir(parents=True)
+        (tmp_path / "shoot" / f"c{i:02}" / "capture.toml").touch()
+    address, workers = cluster(3, "--preload", tmp_path / "stand_in.py")
+    given = "-o", tmp_path / "out", "--scheduler", address, "--json"
+    with batch(tmp_path / "shoot", *given) as process:
+        for number, _ in enumerate(process.stderr, 1):
+            if number == 2:  # the others are at work
+                workers[0].send_signal(signal.SIGKILL)
+        told = json.loads(process.stdout.read())
+    assert process.returncode == 0, told
+    # One whose worker died before it could tell of it is current when it is given to another.
+    assert {c["state"] for c in told["captures"]} <= {"done", "current"}
+    assert [c["grade"] for c in told["captures"]] == ["good"] * 12
+    for i in range(12):
+        assert (tmp_path / "out" / f"c{i:02}" / "done").read_text() == "x"
+
+
+@pytest.mark.slow
+def test_real_captures_are_the_same_as_done_here(cluster, small, sixlight, tmp_path):
+    toml = small / "capture.toml"
+    toml.write_text(toml.read_text().split("[calibration]")[0])
+    for i in range(6):
+        shutil.copytree(small, tmp_path / "shoot" / f"c{i}")
+    assert sixlight("envmap", small, "-o", tmp_path / "here", "--quiet").status == 0
+    address, workers = cluster(2)
+    given = "-o", tmp_path / "out", "--scheduler", address, "--json"
+    with batch(tmp_path / "shoot", *given) as process:
+        process.stderr.readline()
+        workers[0].send_signal(signal.SIGKILL)
+        said, err = process.communicate()
+    assert process.returncode == 0, (said, err)
+    assert {c["state"] for c in json.loads(said)["captures"]} <= {"done", "current"}
+    expected = (tmp_path / "here" / "cubemap_bands.exr").read_bytes()
+    for i in range(6):
+        made = (tmp_path / "out" / f"c{i}" / "cubemap_bands.exr").read_bytes()
+        assert made == expected
+        assert sixlight("verify", tmp_path / "out" / f"c{i}").status == 0
+
+
+def test_no_scheduler_there(sixlight, tmp_path):
+    pytest.importorskip("distributed", reason="needs pip install 'sixlight[cluster]'")
+    (tmp_path / "c").mkdir()
+    (tmp_path / "c" / "capture.toml").touch()
+    for address in ("tcp://127.0.0.1:1", "nonsense://x"):
+        outcome = sixlight("batch", tmp_path, "-o", tmp_path / "o", "--scheduler", address)
+        assert outcome.status == 2
+        assert outcome.err.count("\n") == 1
+        assert "no scheduler answers" in outcome.err
