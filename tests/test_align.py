@@ -53,6 +53,7 @@ def test_a_shift_is_found_to_a_twentieth_of_a_pixel_through_unlike_filters(seed,
     assert 0.0 < found.error_px[1] < 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scale", "turn_deg"), [(1.002, 0.0), (0.9985, 0.08)])
 def test_a_filter_that_magnifies_and_turns_is_found_to_do_so(scale, turn_deg):
     """Through the tracer's own camera: a longer focal length magnifies about the optical axis,
@@ -89,6 +90,7 @@ def test_a_clipped_lamp_does_not_pull():
     np.testing.assert_allclose(align([first, other], SPHERE).shifts[1], (0.5, -0.5), atol=0.05)
 
 
+@pytest.mark.slow
 def test_photographs_of_different_things_are_refused():
     flat = measured(np.ones((220, 240, 3)), 1)
     with pytest.raises(InputError, match="does not match"):

@@ -66,6 +66,7 @@ def test_results_stay_and_stay_current(sixlight, bands):
     assert {p.name for p in (out / "work").iterdir()} == left  # nothing was made for nothing
 
 
+@pytest.mark.slow
 def test_what_is_needed_again_is_made_again_first(sixlight, bands):
     capture, out = bands
     before = results(out)

@@ -19,6 +19,7 @@ PROGRAM = (
 )
 
 
+@pytest.mark.slow
 def test_every_process_finds_the_same_digest():
     """Python orders sets of names differently in each."""
     said = {

@@ -83,6 +83,7 @@ def test_an_interrupt_says_nothing_and_ends_with_130(sixlight, bands, tmp_path, 
     assert (outcome.status, outcome.out, outcome.err) == (cli.INTERRUPTED, "", "")
 
 
+@pytest.mark.slow
 def test_a_first_run_prints_its_results_as_json(sixlight, bands, tmp_path):
     outcome = sixlight("envmap", bands, "-o", tmp_path / "out", "--quiet", "--json")
     assert outcome.status == 0, outcome.err
@@ -201,6 +202,7 @@ def test_an_output_that_is_read_only(sixlight, bands, disk):
 # --------------------------------------------------------------------- surroundings and odd names
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "environment",
     [

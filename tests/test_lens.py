@@ -81,6 +81,7 @@ def photograph(world):
     return (total / 9).reshape(height, width, -1)
 
 
+@pytest.mark.slow
 def test_a_sphere_seen_through_a_bad_lens_is_found_and_its_world_comes_back():
     world = smooth_world(5, degree=8.0, channels=2)
     image = photograph(world).astype(np.float32)

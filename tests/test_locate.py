@@ -51,6 +51,7 @@ def test_the_rim_is_found_to_a_fraction_of_a_pixel(x, y, rim, world, tolerance):
     assert sphere.rim_residual_px < 0.4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lens_px", [0.5, 1.0])
 @pytest.mark.parametrize(("world", "tolerance"), [(busy_world(52), 0.1), (smooth_world(4), 0.2)])
 def test_a_lens_may_blur_the_rim(world, tolerance, lens_px):
@@ -93,6 +94,7 @@ def dull(cosine):
     return np.full_like(cosine, 0.6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("grey", "reflectance", "tolerance"),
     [

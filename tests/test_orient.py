@@ -66,6 +66,7 @@ def test_a_rotation_is_found_without_being_told_anything(front):
     assert "right: all light is 1.1 times that of front" in note
 
 
+@pytest.mark.slow
 def test_a_hint_is_enough_within_30_degrees_and_refused_where_it_is_wrong(front):
     world, first = front
     views = [first, taken(world, TURN, seed=2)]
@@ -77,6 +78,7 @@ def test_a_hint_is_enough_within_30_degrees_and_refused_where_it_is_wrong(front)
         oriented(views, [None, Place(yaw + 140.0)])
 
 
+@pytest.mark.slow
 def test_another_world_is_refused_in_a_line(front):
     _, first = front
     with pytest.raises(InputError) as error:
@@ -86,6 +88,7 @@ def test_another_world_is_refused_in_a_line(front):
     assert "yaw_deg" in problem.remedy
 
 
+@pytest.mark.slow
 def test_a_world_that_looks_alike_from_two_sides_is_refused():
     half = busy_world(3, channels=3)
 

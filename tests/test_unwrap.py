@@ -196,6 +196,7 @@ def flat_mosaic(rng, sigma):
     )
 
 
+@pytest.mark.slow
 def test_the_variance_knows_what_demosaicing_shares_between_pixels():
     rng = np.random.default_rng(8)
     cubes = []
@@ -214,6 +215,7 @@ def test_the_variance_knows_what_demosaicing_shares_between_pixels():
         np.testing.assert_allclose(np.sqrt(ratio), 1.0, atol=0.12)
 
 
+@pytest.mark.slow
 def test_colours_of_a_texel_share_as_much_noise_as_is_said():
     rng = np.random.default_rng(10)
     noise = []
