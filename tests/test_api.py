@@ -29,6 +29,7 @@ def test_a_loaded_map_is_what_the_file_holds(finished_once):
     np.testing.assert_allclose(room.xyz[tuple(texel)], matrix @ room.values[tuple(texel)])
 
 
+@pytest.mark.slow
 def test_envmap_gives_the_map_it_made(small_capture_once, finished_once):
     room = pipeline.envmap(small_capture_once, finished_once)  # current but for the picture's size
     assert room.file == finished_once / "cubemap.exr"

@@ -78,6 +78,7 @@ def test_light_that_noise_hides_is_told_as_not_known():
     assert set(got.facing.values()) == {None}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("block", [1, 2], ids=["independent pixels", "noise in 2 x 2 blocks"])
 def test_a_sum_over_the_map_is_as_unsure_as_the_photograph_makes_it(block):
     """200 photographs of noise, unwrapped and gathered: texels smaller than pixels share noise.

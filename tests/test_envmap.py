@@ -184,6 +184,7 @@ def test_a_setting_reruns_what_hangs_on_it(sixlight, small, finished):
     assert again(sixlight, small, finished, "--preview-samples", "16") == ["preview", "report"]
 
 
+@pytest.mark.slow
 def test_the_metal_reruns_what_hangs_on_it(sixlight, small, finished):
     toml = small / "capture.toml"
     toml.write_text(toml.read_text().replace("stainless steel", "chromium"))
@@ -193,6 +194,7 @@ def test_the_metal_reruns_what_hangs_on_it(sixlight, small, finished):
     assert done[-len(later) :] == later
 
 
+@pytest.mark.slow
 def test_a_photograph_reruns_its_own_filter_only(sixlight, small, finished):
     path = small / "yellow" / "yellow_3.dng"
     content = path.read_bytes()

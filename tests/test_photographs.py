@@ -144,6 +144,7 @@ def test_frames_of_the_sensor_that_do_not_fit_are_refused(sixlight, small, spoil
     assert found in outcome.err
 
 
+@pytest.mark.slow
 def test_dark_and_flat_frames_are_used(sixlight, small, finished_once, tmp_path):
     rng = np.random.default_rng(1)
     current = 40.0  # raw steps a second, at every pixel

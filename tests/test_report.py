@@ -75,6 +75,7 @@ def test_the_same_result_gives_the_same_page(finished_once, result, page):
     assert envmap.page(finished_once, result) == page
 
 
+@pytest.mark.slow
 def test_a_capture_without_calibration_has_a_report_too(small, tmp_path, sixlight):
     toml = small / "capture.toml"
     toml.write_text(toml.read_text().split("[calibration]")[0])

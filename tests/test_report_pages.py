@@ -10,6 +10,7 @@ from pipeline import fit_plots, report
 from pipeline.errors import InputError
 
 
+@pytest.mark.slow
 def test_the_report_of_a_fit_has_its_figures_and_pictures(tmp_path, sixlight):
     from test_fit_plots import fitted
 
