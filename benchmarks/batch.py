@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import sys
 import tempfile
@@ -10,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from benchmarks.figure import Figure
-from pipeline import batch
+from pipeline import batch, finished
 from pipeline.settings import Settings
 
 ROOM = Path("sample_captures/room")
@@ -92,10 +93,6 @@ def _outcomes(jobs: Sequence[batch.Job], at_once: int) -> list[batch.Outcome]:
 
 def _copied(capture: Path, out: Path, to_capture: Path, to_out: Path) -> None:
     """A finished capture somewhere else, with the stamp a run there would have left."""
-    import json
-
-    from pipeline import finished
-
     shutil.copytree(capture, to_capture)
     shutil.copytree(out, to_out)
     made = json.loads((to_out / finished.STAMP).read_text(encoding="utf-8"))["made"]

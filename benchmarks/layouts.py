@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from benchmarks.figure import Figure
 from stages.layouts import CUBE, PROJECTIONS, Projection
@@ -18,14 +19,14 @@ from stages.resample import matrix_between
 FACE = 48  # texels along a cube's face, and as much detail in the other layouts
 SLIVER = 0.01  # of a mean pixel's solid angle: smaller ones, on a disc's rim, are not counted
 _PARTS = 8  # along a pixel's side, over which the world is averaged
-_AXIS = np.array([0.36, 0.48, 0.8])  # of the turn between two layouts, by 1.2 rad
+_TURN = 1.2 * np.array([0.36, 0.48, 0.8])  # rad, of that length about that axis, between two
 
 
 def measure() -> Iterator[Figure]:
     """All 25 pairs, turned; a world of degree three with mean 2 and range about 3."""
     errors: dict[str, list[float]] = {"cube, latlong, angular, octahedral": [], "mirror ball": []}
     world_energy, lamp_energy, mean_kept = [], [], []
-    turn = _rotation(_AXIS, 1.2)
+    turn = Rotation.from_rotvec(_TURN).as_matrix()
     for source, target in itertools.product(PROJECTIONS.values(), repeat=2):
         rows, target_rows = _rows(source), _rows(target)
         there = matrix_between(source, rows, target, target_rows, rotation=turn)
@@ -84,9 +85,3 @@ def _world(projection: Projection, rows: int):
 def _pooled(a):
     height, width, channels = a.shape
     return a.reshape(height // _PARTS, _PARTS, width // _PARTS, _PARTS, channels).sum(axis=(1, 3))
-
-
-def _rotation(axis, angle: float):
-    x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross

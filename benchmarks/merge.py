@@ -24,9 +24,10 @@ from benchmarks.figure import Figure
 from pipeline.bracket import Bracket, frames
 from pipeline.simulate.camera import Camera, Shutter, expose
 from pipeline.simulate.dng import Shot, write_dng
+from stages.bracket import workers
 from stages.compiled import compile_all
 from stages.find import Found, find
-from stages.merge import InMemory, merge, workers
+from stages.merge import InMemory, merge
 from stages.mirror import Sphere
 from stages.types import Frame
 

@@ -32,8 +32,9 @@ from benchmarks.figure import Figure
 from pipeline.bracket import Bracket
 from pipeline.simulate.camera import Camera
 from pipeline.simulate.dng import Shot, write_dng
+from stages.bracket import workers
 from stages.demosaic import demosaic
-from stages.merge import InMemory, merge, workers
+from stages.merge import InMemory, merge
 from stages.types import Frame
 
 OURS = "sixlight"

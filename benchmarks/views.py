@@ -25,12 +25,11 @@ from stages.types import Measured
 from stages.unwrap import unwrap
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))
-from small_views import someone  # type: ignore[import-not-found]
+from small_views import photographed, someone  # type: ignore[import-not-found]
 from sphere_tracer import (  # type: ignore[import-not-found]
     Camera,
     busy_world,
     chromium,
-    photograph,
     smooth_world,
 )
 
@@ -101,21 +100,10 @@ def _joined(name: str, world) -> Iterator[Figure]:
 
 
 def _taken(world, turn, seed: int) -> tuple[Measured, Sphere]:
-    """A photograph with its photographer, .4 % noise, and where the sphere is in it."""
+    """A photograph with its photographer, and where the sphere is in it."""
     height, width = int(2.3 * _RIM), int(2.5 * _RIM)
     camera = Camera.seeing(width / 2 + 6.3, height / 2 - 4.1, _RIM, height, width)
-
-    def own(directions):
-        light = world(directions @ turn.T)
-        light[someone(directions)] = 0.1
-        return light
-
-    image = photograph(camera, own, chromium, samples=2, rim_samples=5)
-    variance = (0.004 * image) ** 2 + 1e-7 * image.mean() ** 2
-    image = image + np.random.default_rng(seed).normal(size=image.shape) * np.sqrt(variance)
-    sphere = Sphere(camera.centre, camera.radius, camera.focal_px, (width / 2, height / 2))
-    known = np.ones(image.shape[:2], np.float32)
-    return Measured(image.astype(np.float32), variance.astype(np.float32), known), sphere
+    return photographed(camera, world, turn, seed=seed, rim_samples=5)
 
 
 def _truth(world, parts: int = 4):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,10 +35,12 @@ def chromaticity(xyz) -> tuple[float, float] | None:
 def temperature(xyz) -> Temperature | None:
     """The correlated colour temperature of a light's XYZ (3,), of any level.
 
-    None where the light is no near-white: CIE 15 defines none further than .05 from the locus.
+    None where the light is no near-white: CIE 15 defines none further than .05 from the locus; and
+    outside 1000 to 50000 K.
     Source: Y. Ohno, "Practical use and calculation of CCT and Duv" (2013).
     """
     from colour.temperature import uv_to_CCT_Ohno2013
+    from colour.utilities import ColourRuntimeWarning
 
     xy = chromaticity(xyz)
     if xy is None:
@@ -46,7 +49,10 @@ def temperature(xyz) -> Temperature | None:
     divisor = -2.0 * x + 12.0 * y + 3.0
     if divisor <= 0:
         return None
-    kelvin, duv = uv_to_CCT_Ohno2013(np.array([4.0 * x / divisor, 6.0 * y / divisor]))
+    with warnings.catch_warnings():
+        # Of lights beyond the ends of its table, which are beyond _RANGE_K.
+        warnings.simplefilter("ignore", ColourRuntimeWarning)
+        kelvin, duv = uv_to_CCT_Ohno2013(np.array([4.0 * x / divisor, 6.0 * y / divisor]))
     low, high = _RANGE_K
     if not (abs(duv) <= _NEAR and low < kelvin < high):
         return None

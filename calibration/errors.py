@@ -37,12 +37,12 @@ def read_text(path: Path, expected: str) -> str:
 
     raises  InputError that names no file; UnicodeDecodeError
     """
-    size = path.stat().st_size
-    if size > _MOST_TEXT_BYTES:
-        raise fault(
-            f"{size / 1e6:.0f} MB of text", f"{expected} of less than 64 MB", "check the file"
-        )
     try:
+        size = path.stat().st_size
+        if size > _MOST_TEXT_BYTES:
+            raise fault(
+                f"{size / 1e6:.0f} MB of text", f"{expected} of less than 64 MB", "check the file"
+            )
         return path.read_text(encoding="utf-8-sig")  # spreadsheets write a byte order mark
     except OSError as error:
         found = (error.strerror or "cannot be read").lower()

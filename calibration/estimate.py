@@ -44,9 +44,7 @@ def spectra_from_primaries(primaries: Primaries, kind: str = "light") -> NDArray
 
 def rms_error(primaries: Primaries, kind: str = "light") -> float:
     """The estimate's error over the spectra it is made from, as a share of their size, in rms."""
-    expected = second_moment(kind)
-    lost = np.eye(len(expected)) - spectra_from_primaries(primaries, kind) @ primaries.curves.T
-    return float(np.sqrt(np.trace(lost @ expected @ lost.T) / np.trace(expected)))
+    return float(np.sqrt(np.trace(_missed(primaries, kind)) / np.trace(second_moment(kind))))
 
 
 def deviation(primaries: Primaries, kind: str = "light") -> NDArray[np.float64]:
@@ -55,9 +53,7 @@ def deviation(primaries: Primaries, kind: str = "light") -> NDArray[np.float64]:
     The standard deviation over the spectra it is made from of what six numbers do not say; noise
     of the numbers comes on top, through `spectra_from_primaries`.
     """
-    expected = second_moment(kind)
-    lost = np.eye(len(expected)) - spectra_from_primaries(primaries, kind) @ primaries.curves.T
-    variance = np.diag(lost @ expected @ lost.T) / (np.trace(expected) / len(expected))
+    variance = np.diag(_missed(primaries, kind)) / np.mean(np.diag(second_moment(kind)))
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
@@ -79,3 +75,11 @@ def second_moment(kind: str) -> NDArray[np.float64]:
     result = np.asarray(moment + even * np.eye(len(moment)))
     result.setflags(write=False)  # it is kept, and given out again
     return result
+
+
+def _missed(primaries: Primaries, kind: str) -> NDArray[np.float64]:
+    """E[e e'] (36, 36) of what the estimate is off by, e, over the spectra it is made from."""
+    lost = np.eye(len(primaries.curves)) - (
+        spectra_from_primaries(primaries, kind) @ primaries.curves.T
+    )
+    return np.asarray(lost @ second_moment(kind) @ lost.T)

@@ -185,7 +185,7 @@ def _signals(rows: Any, bands: int) -> NDArray[np.float64]:
         signals = np.array(rows, np.float64)
     except (TypeError, ValueError):
         signals = np.empty(0)
-    if signals.shape != (len(signals), bands) or not np.isfinite(signals).all():
+    if signals.shape[1:] != (bands,) or not np.isfinite(signals).all():
         raise fault(
             "chart.signals are no table of finite numbers",
             f"rows of {bands}, a column a channel",

@@ -27,7 +27,7 @@ from typing import Any
 
 from calibration.errors import InputError, Problem, fault, legible
 from pipeline import finished, tiff
-from pipeline.errors import storing
+from pipeline.errors import reading, storing
 from pipeline.progress import Captures
 from pipeline.settings import Settings
 
@@ -142,7 +142,7 @@ def _captures(folder: Path) -> Iterator[Path]:
     if any((entry / "radiance.csv").is_file() for entry in entries):
         return
     if (folder / "capture.toml").is_file() or any(
-        _holds_raw(entry) for entry in entries if entry.name not in _OF_SENSOR
+        _raws(entry) for entry in entries if entry.name not in _OF_SENSOR
     ):
         yield folder
         return
@@ -152,7 +152,7 @@ def _captures(folder: Path) -> Iterator[Path]:
 
 def _folders(folder: Path) -> list[Path]:
     """Sub-folders that are not hidden; links are left out, as they may lead in a circle."""
-    with storing(folder):
+    with reading(folder):
         return [
             Path(e.path)
             for e in os.scandir(folder)
@@ -160,14 +160,10 @@ def _folders(folder: Path) -> list[Path]:
         ]
 
 
-def _holds_raw(folder: Path) -> bool:
-    return any(True for _ in _raws(folder))
-
-
-def _raws(folder: Path) -> Iterator[Path]:
-    for path in sorted(folder.iterdir()):
-        if path.suffix.lower() in _RAW and not path.name.startswith("."):
-            yield path
+def _raws(folder: Path) -> list[Path]:
+    with reading(folder):
+        paths = sorted(folder.iterdir())
+    return [p for p in paths if p.suffix.lower() in _RAW and not p.name.startswith(".")]
 
 
 def _collisions(jobs: Sequence[Job]) -> list[Problem]:
@@ -275,7 +271,7 @@ def run(
     ):
         at_end.callback(lambda: stop(running.values()))
         for job in jobs:
-            if job not in waiting:
+            if outcomes[job].state == CURRENT:
                 display.ended(job.name, told(outcomes[job]))
         while waiting or running:
             for job in _admitted(waiting, running, limits, _taken(outcomes)):

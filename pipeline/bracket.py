@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pipeline import io
 from pipeline.errors import fault, storing
-from stages.merge import workers
+from stages.bracket import workers
 from stages.region import Region
 from stages.types import Frame
 
@@ -86,7 +86,7 @@ def frames(
 
 @dataclass(frozen=True)
 class Decoded(Generic[T]):
-    """See `stages.merge.Decoded`."""
+    """See `stages.bracket.Decoded`."""
 
     seen: Sequence[T]
     spool: int

@@ -113,14 +113,13 @@ def on_worker(
         return asdict(
             Outcome(FAILED, error=["a worker has another version of sixlight; install the same"])
         )
-    job = Job(folder, Path(folder), Path(out), 0.0)
-    wanted = Settings(**settings)
+    capture, place, wanted = Path(folder), Path(out), Settings(**settings)
     ending = Event(stop)
     began = time.monotonic()
     while True:
-        if finished.holds(job.folder, job.out, wanted):
-            return asdict(Outcome(CURRENT, batch.grade(job.out)))
-        outcome = _followed(batch.Run(job.folder, job.out, wanted, force, seconds), ending)
+        if finished.holds(capture, place, wanted):
+            return asdict(Outcome(CURRENT, batch.grade(place)))
+        outcome = _followed(batch.Run(capture, place, wanted, force, seconds), ending)
         busy = outcome.state == FAILED and any(batch.BUSY in line for line in outcome.error)
         if not busy or time.monotonic() - began > _BUSY_S:
             return asdict(outcome)

@@ -22,7 +22,7 @@ from pipeline.materials import Maker
 from stages import scenes
 from stages.facing import Side, facing
 from stages.prefilter import irradiance
-from stages.scene import Scene
+from stages.scene import Material, Scene
 from stages.trichromatic import SPACES, Trichromatic
 from stages.types import Float
 
@@ -82,7 +82,7 @@ def compose(
     maker = Maker(primaries)
     if scene == "teapot":
         # Patch 15, red: what a trichromatic renderer shows too orange under tungsten light.
-        return Composition(scene, scenes.teapot(_red(maker), _stand(maker)), 1.0)
+        return Composition(scene, scenes.teapot(red(maker), stand(maker)), 1.0)
     if scene == "colorchecker":
         patches = [
             [maker.patch(str(k), roughness=0.1) for k in range(first, first + 6)]
@@ -110,17 +110,19 @@ def compose(
     )
 
 
-def _red(maker: Maker):
+def red(maker: Maker) -> Material:
+    """What a shape is made of where nothing else is said."""
     return maker.patch("15", roughness=0.05)
 
 
-def _stand(maker: Maker):
+def stand(maker: Maker) -> Material:
+    """What shapes stand on."""
     return maker.patch("21", roughness=0.12)
 
 
 def _mesh(path: Path, maker: Maker) -> Composition:
     mesh, notes = mesh_files.read(path)
-    scene, scale = scenes.on_stand(mesh, _red(maker), _stand(maker))
+    scene, scale = scenes.on_stand(mesh, red(maker), stand(maker))
     if not 0.8 < scale < 1.25:
         notes = (*notes, f"{path.name}: shown {scale:.3g} times its size, to fit the stand")
     return Composition(path.stem, scene, 1.0, notes=notes)

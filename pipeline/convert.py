@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from pipeline import dds, io, ktx2
 from pipeline.errors import InputError, Problem, fault, storing
@@ -113,15 +114,15 @@ def convert(
     if engine:
         image = _three(image, source)
     measured, projection, found = _measured(image, source, outline, distance)
-    rows = size or _matching_rows(projection, measured, PROJECTIONS[target.projection])
+    rows = size or _matching_rows(projection, measured, target.projection)
     if target.suffix in _TEXTURES and rows & (rows - 1):
         raise fault(f"{rows} texels along a face", "a power of two for mips", "give --size", out)
-    made = _resampled(measured, projection, PROJECTIONS[target.projection], rows, rotated)
+    made = _resampled(measured, projection, target.projection, rows, rotated)
     notes = list(image.notes)
     closed = None
     if filled or engine:
-        closed = _holes(made, PROJECTIONS[target.projection], rows)
-        made = _filled(made, measured, projection, PROJECTIONS[target.projection], rows, rotated)
+        closed = _holes(made, target.projection, rows)
+        made = _filled(made, measured, projection, target.projection, rows, rotated)
         if closed > 0:
             notes.append(f"{closed:.2%} of all directions were not known; they are filled smoothly")
     header = _header(image, source, target, rotated, preset, closed)
@@ -160,11 +161,7 @@ def rotation(turn: str | None):
         raise fault(
             f"--turn with {len(numbers)} numbers", "yaw[,pitch[,roll]] or nine", "correct it"
         )
-    yaw, pitch, roll = np.radians([*numbers, 0.0, 0.0][:3])
-    about_y = [[np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]]
-    about_x = [[1, 0, 0], [0, np.cos(pitch), -np.sin(pitch)], [0, np.sin(pitch), np.cos(pitch)]]
-    about_z = [[np.cos(roll), -np.sin(roll), 0], [np.sin(roll), np.cos(roll), 0], [0, 0, 1]]
-    return np.array(about_y) @ np.array(about_x) @ np.array(about_z)
+    return Rotation.from_euler("YXZ", [*numbers, 0.0, 0.0][:3], degrees=True).as_matrix()
 
 
 def _preset_rotation(preset: str | None):
@@ -186,15 +183,15 @@ def _numbers(text: str, option: str) -> list[float]:
 
 @dataclass(frozen=True)
 class _Target:
-    """What is written where; `projection` is a name of PROJECTIONS, `layout` one of LAYOUTS."""
+    """What is written where; `layout` is one of LAYOUTS."""
 
     out: Path
     layout: str
     suffix: str
 
     @property
-    def projection(self) -> str:
-        return self.layout if self.layout in PROJECTIONS else "cube"
+    def projection(self) -> Projection:
+        return PROJECTIONS.get(self.layout, CUBE)
 
     @property
     def files(self) -> list[Path]:
@@ -393,15 +390,11 @@ def _three(image: _Image, source: Path) -> _Image:
             "name them, as in --channels P1,P2,P3, or give cubemap_123.exr",
             source,
         )
-    return _Image(
-        image.values[..., keep],
-        image.valid,
-        image.variance[..., keep],
-        tuple(image.names[i] for i in keep),
-        image.layout,
-        image.header,
-        image.errors,
-        image.notes,
+    return replace(
+        image,
+        values=image.values[..., keep],
+        variance=image.variance[..., keep],
+        names=tuple(image.names[i] for i in keep),
     )
 
 

@@ -54,23 +54,30 @@ def _plain(value: Any) -> Any:
 def of_code(function: Callable[..., Any]) -> str:
     """SHA-256 of the project's code a function can reach.
 
-    That is its own source, and the whole of every module of ours that the names in it lead to,
-    followed through their imports; for a package with data (shaders, calibration) its data too.
+    That is its own source, that of helpers beside it and the values of constants, and the whole of
+    every module of ours that the names in these lead to, followed through their imports; for a
+    package with data (shaders, calibration) its data too.
     """
-    parts = [inspect.getsource(function)]
+    parts: dict[str, str] = {}
     reached: set[str] = set()
-    for name in sorted(_names_in(function.__code__)):
-        value = function.__globals__.get(name)
-        if isinstance(value, ModuleType):
-            module = value.__name__
-        elif getattr(value, "__module__", None) == function.__module__ and callable(value):
-            parts.append(inspect.getsource(value))  # a helper beside it
-            continue
-        else:
-            module = getattr(value, "__module__", None) or ""
-        reached |= _closure(module)
-    parts += [_content(module) for module in sorted(reached)]
-    return hashlib.sha256("\0".join(parts).encode()).hexdigest()
+    waiting = [function]
+    while waiting:
+        beside = waiting.pop()
+        parts[beside.__name__] = inspect.getsource(beside)
+        for name in _names_in(beside.__code__) & function.__globals__.keys():
+            value = function.__globals__[name]
+            if isinstance(value, ModuleType):
+                reached |= _closure(value.__name__)
+            elif type(value).__module__ in ("builtins", "numpy") and not callable(value):
+                parts[name] = of_values(value)
+            elif getattr(value, "__module__", None) != function.__module__:
+                reached |= _closure(getattr(value, "__module__", None) or "")
+            elif inspect.isclass(value):
+                parts[name] = inspect.getsource(value)
+            elif callable(value) and name not in parts:
+                waiting.append(inspect.unwrap(value))  # a helper beside it
+    told = [parts[name] for name in sorted(parts)] + [_content(m) for m in sorted(reached)]
+    return hashlib.sha256("\0".join(told).encode()).hexdigest()
 
 
 def _names_in(code) -> set[str]:

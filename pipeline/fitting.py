@@ -359,7 +359,12 @@ def _on_one_scale(
     A white has no scale, as only its shading counts; but its exposures tell of the shutter too.
     """
     names = [f"{light} through {name}" for light in seen for name in filters]
-    names += [f"the white of {light} through {f}" for light in seen for f in filters]
+    names += [
+        f"the white of {light} through {name}"
+        for light, of in seen.items()
+        if of.of_white
+        for name in filters
+    ]
     charts_of = [one for of in seen.values() for one in of.exposed]
     found = scale([*charts_of, *(one for of in seen.values() for one in of.of_white)])
     factors = np.reshape(found.factors[: len(charts_of)], (len(seen), len(filters)))
@@ -368,7 +373,7 @@ def _on_one_scale(
         for (light, of), factor in zip(seen.items(), np.repeat(factors, 3, axis=1), strict=True)
     }
     remedy = "use the same shutter times for all, or three of them through one filter"
-    return scaled, warnings_of_scale(found, names[: len(found.factors)], remedy)
+    return scaled, warnings_of_scale(found, names, remedy)
 
 
 def _seen(session: Session, light: Light, shots, left_out: list[str]) -> _Seen:

@@ -13,9 +13,10 @@ import numpy as np
 
 from pipeline import capture as captures
 from pipeline import io
+from pipeline.bracket import exposure
 from pipeline.report import shutter
+from stages.bracket import workers
 from stages.develop import develop
-from stages.merge import workers
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -49,7 +50,7 @@ def inspect(folder: Path) -> dict[str, Any]:
 
 
 def _exposure(shot: io.Shot) -> dict[str, Any]:
-    given = {"time_s": shot.time_s, "iso": shot.iso, "f_number": shot.f_number}
+    given = exposure(shot)
     with io.opened_frame(shot.path, **given) as frame:
         developed = develop(frame)
     return {

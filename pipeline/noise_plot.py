@@ -43,10 +43,10 @@ def draw(capture: Capture, path: Path) -> list[dict[str, Any]]:
             levels = float(np.mean(frame.saturation_level - frame.black_level))
         isos = sorted({shot.iso for shot in filter_.shots})
         shot_at = [next(k for k, s in enumerate(filter_.shots) if s.iso == iso) for iso in isos]
-        noise = np.asarray(radiance.noise)[shot_at]
+        noise = radiance.noise[shot_at]
         model = Model(noise[:, 0], noise[:, 1], radiance.transfer)
         for i, iso in enumerate(isos):
-            one = _figures(filter_.name, iso, model, i, levels, float(radiance.prnu))
+            one = _figures(filter_.name, iso, model, i, levels, radiance.prnu)
             if iso in capture.known.noise:
                 one["gain_sigma"] = one["read_sigma"] = None
             told.append(one)

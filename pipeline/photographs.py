@@ -54,8 +54,7 @@ def find(folder: Path, root: Table, camera: Table, problems: list[Problem]) -> t
     problems  gains whatever is wrong
     raises    InputError where there is no photograph at all
     """
-    iso = camera.number("iso", "ISO", low=1, high=1e7)
-    f_number = camera.number("f_number", "f/", low=0.5, high=1000)
+    iso, f_number = _given(camera)
     filters = tuple(
         Filter(name, _shots(files, times, iso, f_number, folder / name, problems))
         for name, files, times in _named(root, folder, problems)
@@ -72,7 +71,7 @@ def find_of_sensor(
 
     problems  gains whatever is wrong: they must be of the photographs' camera and size
     """
-    iso, f_number = camera.number("iso", "ISO"), camera.number("f_number", "f/")
+    iso, f_number = _given(camera)
 
     def shots(place: Path) -> tuple[io.Shot, ...]:
         files = io.photographs(place.iterdir()) if place.is_dir() else []
@@ -114,6 +113,14 @@ def notes_of_sensor(of: OfSensor, filters: Sequence[Filter]) -> list[str]:
             " take them as long as the longest photograph"
         )
     return notes
+
+
+def _given(camera: Table) -> tuple[float | None, float | None]:
+    """ISO and f-number of all photographs, where EXIF lacks them."""
+    return (
+        camera.number("iso", "ISO", low=1, high=1e7),
+        camera.number("f_number", "f/", low=0.5, high=1000),
+    )
 
 
 def _named(

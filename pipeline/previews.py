@@ -330,10 +330,10 @@ def preview(
     spectra = {folder / f"{stem}_{name}.csv": s for name, s in composition.spectra.items()}
     ours = (folder / "work" / "capture.json").is_file()
     for path in (values, *spectra):
-        _check_place(path, force or ours)
+        check_place(path, force or ours)
     pictures.check(picture, rendering.look, bits, force=force or ours)
     drawn = draw(environment.light, environment.primaries, composition, rendering)
-    with _moving_into(folder) as beside:
+    with moving_into(folder) as beside:
         write(
             (beside / picture.name, beside / values.name),
             drawn,
@@ -389,16 +389,16 @@ def _turntable(
     notes = (*environment.notes, *composition.notes)
     figures = {"scene": composition.name, "frames": count, "channels": list(rendering.ways)}
     if out.suffix.lower() in video.FORMATS:
-        _check_place(out, force)
-        with _moving_into(out.parent) as beside:
+        check_place(out, force)
+        with moving_into(out.parent) as beside:
             video.write(beside / out.name, frames)
         return Made((out,), figures, notes)
     digits = max(3, len(str(count - 1)))
     paths = [out / f"frame_{k:0{digits}d}.png" for k in range(count)]
     for path in paths:
-        _check_place(path, force)
+        check_place(path, force)
     pictures.check(paths[0], rendering.look, bits, force=force)
-    with _moving_into(out) as beside:
+    with moving_into(out) as beside:
         for path, signal in zip(paths, frames, strict=True):
             pictures.write(beside / path.name, signal, rendering.look, bits=bits)
     return Made(tuple(paths), figures, notes)
@@ -416,7 +416,7 @@ def _check(rendering: Rendering) -> None:
 
 
 @contextmanager
-def _moving_into(folder: Path) -> Iterator[Path]:
+def moving_into(folder: Path) -> Iterator[Path]:
     """A folder to write in, whose files are moved into `folder` when all are written."""
     with storing(folder):
         folder.mkdir(parents=True, exist_ok=True)
@@ -426,6 +426,7 @@ def _moving_into(folder: Path) -> Iterator[Path]:
                 os.replace(path, folder / path.name)
 
 
-def _check_place(path: Path, replaceable: bool) -> None:
+def check_place(path: Path, replaceable: bool) -> None:
+    """InputError where something is that may not be replaced."""
     if path.exists() and not replaceable:
         raise fault("exists", "a new file", "choose another -o, or --force", path)

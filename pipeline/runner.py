@@ -97,6 +97,7 @@ def _bring_up_to_date(
                     made = _make(maker, again, out, capture.seen)["made"]
                 if before is None or before["made"] != made:  # other libraries: others read it too
                     return _bring_up_to_date(capture, out, settings, quiet)
+                _store_json(out / maker.stamp, before, out)  # result.json tells its seconds
             with progress.step(task.name, ", ".join(Path(m).name for m in task.makes)):
                 stamp = _make(task, key, out, capture.seen)
         stamps.append(stamp)
@@ -121,8 +122,7 @@ def _note_finished(capture: Capture, out: Path, settings: Settings, tasks: Seque
     results = [name for t in tasks for name in t.makes if not name.startswith("work/")]
     made = [_RESULT, *(t.stamp for t in tasks), *results]
     stands = finished.stamp(capture.folder, capture.curves, capture.seen, made, out, settings)
-    if finished.see([capture.folder, *capture.curves]).items() <= capture.seen.items():
-        _store_json(out / finished.STAMP, stands, out)
+    _store_json(out / finished.STAMP, stands, out)
 
 
 def _claim(capture: Capture, out: Path, force: bool) -> None:
@@ -215,7 +215,7 @@ def _key(task: _Task, digests: dict[Path, str]) -> str:
     """The digest of all a task's results depend on."""
     for _, path in task.reads:
         if path not in digests:
-            with storing(path), reading(path):
+            with reading(path):
                 digests[path] = digest.of_file(path)
     return digest.of_values(
         {

@@ -802,7 +802,12 @@ STEPS = (
     Step(
         "report",
         "one page of what was read, how it went, and what to distrust",
-        reads=("result.json",),
+        reads=(
+            "result.json",
+            "sphere{view}.png",
+            "work/drift{view}.exr",
+            "work/merged{view}_{filter}.npz",
+        ),
         makes=("report.html",),
         run=_report,
     ),

@@ -5,6 +5,7 @@ Only what says where image data lie: LibRaw and exifread read everything else.
 
 from __future__ import annotations
 
+import os
 import struct
 from collections.abc import Iterator
 from typing import BinaryIO
@@ -61,6 +62,7 @@ def active_area(directories: list[Directory]) -> tuple[int, int] | None:
 
 
 def _directories(file: BinaryIO) -> Iterator[Directory]:
+    length_of_file = file.seek(0, os.SEEK_END)
     file.seek(0)
     head = file.read(8)
     order = {b"II": "<", b"MM": ">"}.get(head[:2])
@@ -86,7 +88,7 @@ def _directories(file: BinaryIO) -> Iterator[Directory]:
             letter, size = _SIZES[kind]
             if length * size > 4:
                 file.seek(struct.unpack(order + "I", value)[0])
-                value = file.read(length * size)
+                value = file.read(min(length * size, length_of_file))  # what claims more is cut
             directory[tag] = struct.unpack_from(f"{order}{length}{letter}", value)
         yield directory
         waiting += [following, *directory.get(_SUB_DIRECTORIES, ())]

@@ -11,6 +11,8 @@ from dataclasses import asdict, dataclass
 from math import log
 from typing import Any
 
+from pipeline.report import shutter
+
 Result = Mapping[str, Any]
 
 GOOD, LOOK, DISTRUST = GRADES = ("good", "look here", "do not trust")
@@ -278,15 +280,11 @@ def _told(value: float | None) -> str:
 
 
 def _longest(result: Result) -> str:
-    return _time(max(s["time_s"] for b in result["capture"]["brackets"] for s in b["exposures"]))
+    return shutter(max(s["time_s"] for b in result["capture"]["brackets"] for s in b["exposures"]))
 
 
 def _shortest(result: Result) -> str:
-    return _time(min(s["time_s"] for b in result["capture"]["brackets"] for s in b["exposures"]))
-
-
-def _time(time_s: float) -> str:
-    return f"1/{1 / time_s:.0f} s" if time_s < 0.4 else f"{time_s:.3g} s"
+    return shutter(min(s["time_s"] for b in result["capture"]["brackets"] for s in b["exposures"]))
 
 
 RULES: tuple[Callable[[Result], Iterator[Finding]], ...] = (

@@ -164,11 +164,11 @@ def shared_noise(sphere: Sphere, face_size: int, noise_area_px: Sequence[float])
     face_size      N
     noise_area_px  (C,) pixels over which a channel's noise is one: S
 
-    A texel that covers a pixels knows its mean to v S / (S - 1 + A), as `unwrap` has it, with A
-    the pixels that bilinear interpolation draws in, whose sides the noise in common widens. Many
-    texels together cover the sum of their a, and know the sum of their means as S v / a would
-    each: the same noise is in neighbours, where a texel is smaller than a pixel in nearly all of
-    them. The ratio is (S - 1 + A) / a.
+    A texel that covers a pixels knows its mean to v S / D, as `unwrap` has it, with D the pixels
+    that bilinear interpolation draws in, on sides that the noise in common widens. Many texels
+    together cover the sum of their a, and know the sum of their means as S v / a would each: the
+    same noise is in neighbours, where a texel is smaller than a pixel in nearly all of them. The
+    ratio is D / a.
     """
     every = _coarseness(face_size)  # what is smooth is worked out at fewer texels
     edge = np.linspace(-1.0, 1.0, face_size // every + 1)

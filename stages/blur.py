@@ -17,7 +17,7 @@ _MOST = 1500  # edges that are looked at, those of most contrast
 _SHARPER = 35.0  # percentile of their blur. On simulated spheres within .05 px of what is true.
 _ACROSS = np.arange(-4.0, 4.01, 0.5)  # px along an edge's gradient
 _LEVEL = 4  # of these at either end, where a clean step is level
-_UNEVEN = 0.06  # of the step's height: what still counts as level
+_UNEVEN = 0.09  # of the step's height: what still counts as level
 _MISFIT = 0.02  # of its height, rms, of a step blurred by a Gaussian
 
 
@@ -62,7 +62,7 @@ def edge_blur(light: Float, variance: Float) -> float:
     low, high = (end.mean(axis=1) for end in ends)
     height = high - low
     uneven = np.maximum(*(np.ptp(end, axis=1) for end in ends))
-    clean = whole & (height > 20.0 * noise) & (uneven < 1.5 * _UNEVEN * height)
+    clean = whole & (height > 20.0 * noise) & (uneven < _UNEVEN * height)
     if clean.sum() < _LEAST:
         return float("nan")
     unit = ((profile - low[:, None]) / height[:, None])[clean]

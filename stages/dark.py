@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.merge import Bracket
+from stages.bracket import Bracket
 from stages.types import Float, Frame, Radiance
 
 HOT_SIGMAS = 5.0  # by which a pixel stands out of those about it, to be believed by itself

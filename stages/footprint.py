@@ -17,18 +17,15 @@ from numba.extending import intrinsic
 from stages.compiled import compiled
 
 _LEAST = np.float32(1e-3)  # of a texel's weight; with less it is not known
-_PART_PX = np.float32(
-    1.15
-)  # the most a part may have: a little over a pixel still reads all of them alike
+# The most a part may have: a little over a pixel still reads all of them alike.
+_PART_PX = np.float32(1.15)
 _FEW_PARTS = 8  # of a cell: with more, needles are looked for ...
 _NEEDLE_PX = np.float32(1.5)  # ... cells no wider than that
 _MOST_PARTS = 96  # of a cell's side: a stop for what nobody has, a rim of 10000 px about the camera
-_TAP_PX = np.float32(
-    1.5
-)  # a side: what bilinear interpolation draws in, in the mean over positions
+# A side: what bilinear interpolation draws in, in the mean over positions.
+_TAP_PX = np.float32(1.5)
 _WHOLE = np.float32(1.0 - 1e-6)
 _ZERO, _HALF, _ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
-_NOTHING = (_ZERO,) * 8
 
 
 @compiled

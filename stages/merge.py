@@ -12,23 +12,13 @@ from numpy.typing import NDArray
 from calibration.errors import fault
 from stages.bracket import Bracket, Decoded, InMemory, workers
 from stages.sensor import Known, Sensor, sensor_of
-from stages.shutter import true_shutter
 from stages.survey import Look, look
 from stages.types import Radiance
 
 if TYPE_CHECKING:
     from stages.combine import Readings
 
-__all__ = [
-    "Bracket",
-    "Decoded",
-    "InMemory",
-    "Known",
-    "merge",
-    "true_shutter",
-    "warnings",
-    "workers",
-]
+__all__ = ["InMemory", "Known", "merge", "warnings"]
 
 WORTH_A_WARNING = 0.001  # share of the pixels that moved
 BAND = 64  # rows a thread merges at a time, which stay in its cache
@@ -37,14 +27,17 @@ BAND = 64  # rows a thread merges at a time, which stay in its cache
 def merge(bracket: Bracket, known: Known | None = None) -> Radiance:
     """A bracket as one mosaic: the weighted mean of all that did not saturate, per unit of light.
 
+    known   of the camera, in place of what the photographs say
+    raises  InputError where the bracket is black, saturates throughout, or is hardly any samples
+
     Each photograph is decoded once. Of blocks of its samples the exposures' ratios and the noise
     are solved. Then the photographs are read again, all together, a few rows at a time, so that
     memory does not grow with their number: of a pixel's samples s in exposures of light t the mean
     is taken with inverse variances as weights, sum(t s / v) / sum(t^2 / v) with
     v = gain t L + read^2: the maximum-likelihood estimate, whose variance 1 / sum(t^2 / v) is the
-    Cramer-Rao bound. L comes from the plain mean sum(s) / sum(t) and, where that is little more
-    than noise, from the pixels about (`_expected`): weights of the sample's own noise would prefer
-    samples that came out low.
+    Cramer-Rao bound. L comes from the longest exposure that counts and, where that is little
+    more than noise, from the pixels about (`combine._expected`): weights of the sample's own noise
+    would prefer samples that came out low.
 
     What saturated has no part; nor has a sample with a saturated neighbour of its colour, as it may
     itself have stayed below only by chance, unless the next shorter exposure shows that the light
@@ -52,8 +45,8 @@ def merge(bracket: Bracket, known: Known | None = None) -> Radiance:
     is `lost`.
 
     Where chi-square says that samples contradict each other, the largest set that agrees is taken
-    (`_agreed`). `variance` is that of the noise, and of the pixels' unequal response; an
-    error of a ratio or of the black level is not in it.
+    (`contradictions._agreed`). `variance` is that of the noise, and of the pixels' unequal
+    response; an error of a ratio or of the black level is not in it.
     """
     known = known or Known()
     with bracket.decoded(look) as decoded:

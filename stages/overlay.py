@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+from numpy.typing import NDArray
 
 from stages.mirror import Sphere
 from stages.region import Region
@@ -12,6 +15,8 @@ _LONGEST = 1600  # px of the picture
 _FINE = 8  # bits of a pixel's fraction, for OpenCV's lines
 _GOOD, _POOR = (64, 255, 90), (255, 90, 40)
 _ASTRAY = (255, 0, 255)  # of sectors that do not agree
+_LETTERS = 0.55  # OpenCV's scale of them: 12 px high
+_BESIDE = 10  # px left and right of them
 
 
 def overlay(image: Measured, sphere: Sphere, region: Region | None = None) -> Float:
@@ -47,6 +52,19 @@ def overlay(image: Measured, sphere: Sphere, region: Region | None = None) -> Fl
         place = ((np.asarray(pixels) - corner) * scale - 0.5) * 2**_FINE
         return np.rint(place).astype(np.int32)
 
+    x, y = sphere.centre_px
+    parts = [f"x {x:.2f}  y {y:.2f}  radius {sphere.rim_px:.2f}"]
+    if np.isfinite(sphere.rim_sigma_px).all():
+        parts.append("+- " + " ".join(f"{s:.2f}" for s in sphere.rim_sigma_px))
+    parts[-1] += " px"
+    if np.isfinite(sphere.rim_found):
+        parts[-1] += ";"
+        residual = sphere.rim_residual_px
+        parts.append(f"{sphere.rim_found:.0%} of the rim agrees, to {residual:.2f} px")
+    else:
+        parts[-1] += ", as given"
+    _caption(picture, parts, colour)
+
     # Each sector for itself: those that see the rim elsewhere, or not at all, are marked.
     sectors = sphere.rim_agrees or (True,)
     steps = max(1, 720 // len(sectors))
@@ -55,20 +73,31 @@ def overlay(image: Measured, sphere: Sphere, region: Region | None = None) -> Fl
         arc = np.arange(k * steps, (k + 1) * steps + 1) % len(rim)
         shade = colour if agrees else _ASTRAY
         cv2.polylines(picture, [at(rim[arc])], False, shade, 1, cv2.LINE_AA, _FINE)
-    x, y = sphere.centre_px
     for dx, dy in ((8.0 / scale, 0.0), (0.0, 8.0 / scale)):
         ends = at([(x - dx, y - dy), (x + dx, y + dy)]).tolist()
         cv2.line(picture, ends[0], ends[1], colour, 1, cv2.LINE_AA, _FINE)
-    text = f"x {x:.2f}  y {y:.2f}  radius {sphere.rim_px:.2f}"
-    if np.isfinite(sphere.rim_sigma_px).all():
-        text += " +- " + " ".join(f"{s:.2f}" for s in sphere.rim_sigma_px)
-    text += " px"
-    if np.isfinite(sphere.rim_found):
-        text += f"; {sphere.rim_found:.0%} of the rim agrees, to {sphere.rim_residual_px:.2f} px"
-    else:
-        text += ", as given"
-    font, tall = cv2.FONT_HERSHEY_SIMPLEX, 0.55
-    (wide, high), below = cv2.getTextSize(text, font, tall, 1)
-    picture[: high + below + 12, : wide + 20] //= 4
-    cv2.putText(picture, text, (10, high + 6), font, tall, colour, 1, cv2.LINE_AA)
     return np.asarray(picture / 255.0, np.float32)
+
+
+def _caption(picture: NDArray[np.uint8], parts: Sequence[str], colour: tuple[int, ...]) -> None:
+    """Writes on the picture (h, w, 3), top left, as many parts to a line as it is wide."""
+    import cv2
+
+    font, tall, room = cv2.FONT_HERSHEY_SIMPLEX, _LETTERS, picture.shape[1] - 2 * _BESIDE
+
+    def wide(line: str) -> int:
+        return int(cv2.getTextSize(line, font, tall, 1)[0][0])
+
+    lines = [parts[0]]
+    for part in parts[1:]:
+        together = f"{lines[-1]} {part}"
+        lines[-1:] = [together] if wide(together) <= room else [lines[-1], part]
+    widest = max(map(wide, lines))
+    if widest > room:  # a picture narrower than a part
+        tall *= max(room, 1) / widest
+    (_, high), below = cv2.getTextSize(lines[0], font, tall, 1)
+    step = high + below + 4
+    picture[: len(lines) * step + 8, : min(widest, room) + 2 * _BESIDE] //= 4
+    for k, line in enumerate(lines):
+        place = (_BESIDE, 6 + high + k * step)
+        cv2.putText(picture, line, place, font, tall, colour, 1, cv2.LINE_AA)

@@ -90,7 +90,6 @@ def matrix_between(
 
     Columns, weighted by the target's solid angles, add up to the source's, to _EXACT of each.
     """
-
     turn = np.eye(3) if rotation is None else np.asarray(rotation, np.float64)
     targets = int(np.prod(target.shape(rows)))
     sources = int(np.prod(source.shape(source_rows)))

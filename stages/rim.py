@@ -19,9 +19,11 @@ both sides by F; an edge says that the rim is not inside of it and likely close.
 Two things have to be right for that, as what lies beyond the outermost edge is all there is to
 see. The blur is not a Gaussian: a pixel's square and the spline that profiles are read with
 have no tails, and with a Gaussian of the same variance rims come out a tenth of a pixel too large.
-And how wide it is cannot be told from the rim, where a narrower blur and edges further inside look
-the same, and the likelier is too narrow: it is measured on edges that the
-sphere reflects (`stages.blur`).
+And how wide it is the rim tells badly while there may be edges near it: a narrower blur and edges
+further inside look the same, and the likelier is too narrow. It is therefore measured on edges that
+the sphere reflects (`stages.blur`). Where too few are clean there, none is taken to be near the rim
+either: worlds with edges are left out, and the rim then tells the blur, as the one that explains
+all its profiles best.
 
 Beside things that no such model knows, a stand, a hand, clutter, the likeliest place is wrong along
 a whole arc. Places are therefore gathered in sectors, each of which has a vote of bounded weight;
@@ -59,8 +61,8 @@ _SECTORS = 36
 _ARCS = 12  # of three sectors each: what is left out at a time to tell the error
 _ASTRAY = 0.1  # likelihood, against the best, of a rim outside of what a sector says ...
 _BEYOND = 0.002  # ... and of one inside of it
-# Errors that all sectors share, as of the blur, show in none: on simulated spheres errors are so
-# much larger than what sectors tell.
+# Errors on simulated spheres, over those that the sectors' disagreement tells: what all sectors
+# have in common, as an error of the blur, none of them shows.
 _UNTOLD = 2.8
 _LEAST_SIGMA = 0.02  # px
 _AGREE = 0.3  # px: sectors that show the rim no further away agree with it

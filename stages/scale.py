@@ -53,14 +53,12 @@ def scale(brackets: Sequence[Lights]) -> Scale:
     and 1/60 stands for 1/64. A bracket of 1/60 and 1/15 fits both, and is 7 % brighter in the one
     case; one that has 1/125 too shows which it is.
     """
-    strays = [_strays([b.series for b in brackets], brackets)]
-    strays.append(_strays([b.tagged for b in brackets], brackets))
-    (_, series), (_, tags) = strays
+    from_series, series = _strays([b.series for b in brackets], brackets)
+    from_tags, tags = _strays([b.tagged for b in brackets], brackets)
     to_the_letter = keeps_to_tags(series, tags)
-    offsets = strays[to_the_letter][0]
-    other = strays[not to_the_letter][0]
+    offsets = from_tags if to_the_letter else from_series
     told = to_the_letter or series + NOTHING < tags / 2
-    apart = np.ptp(np.subtract(offsets, other))
+    apart = np.ptp(np.subtract(from_tags, from_series))
     return Scale(
         to_the_letter,
         factors=tuple(float(f) for f in np.exp(offsets)),

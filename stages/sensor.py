@@ -36,11 +36,15 @@ class Known:
 class Sensor:
     """How raw samples are to be read: the noise, what saturates, and how long exposures are.
 
+    frames       (K,) of the blocks that were looked at
+    size         (height, width) of the photographs
     light        (K,) solved
     series       (K,) with the shutter's true nominal times
     gain, read   (K,) full scale
     limit        (K, 2, 2) raw value from which on samples do not count
     active       indices of the exposures that count, shortest first
+    prnu, transfer, alike
+                 see Radiance
     """
 
     frames: Sequence[Frame]
@@ -92,17 +96,17 @@ def sensor_of(looks: Sequence[Look], known: Known) -> Sensor:
     prnu = named[0] if named else response(survey, light, gain, read)
     active = sorted((k for k in range(len(frames)) if alike[k] == k), key=lambda k: light[k])
     return Sensor(
-        frames,
-        size,
-        light,
-        survey.nominal,
-        gain,
-        read,
-        prnu,
-        model.transfer,
-        limit,
-        tuple(active),
-        alike,
+        frames=frames,
+        size=size,
+        light=light,
+        series=survey.nominal,
+        gain=gain,
+        read=read,
+        prnu=prnu,
+        transfer=model.transfer,
+        limit=limit,
+        active=tuple(active),
+        alike=alike,
     )
 
 

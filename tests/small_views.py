@@ -14,6 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from calibration import sets
 from calibration.spectra import write_spectra
+from stages.mirror import Sphere
+from stages.types import Measured
 
 # From each view's world to the first's: cameras 120 degrees apart, not quite level, nor upright.
 TURNS = {
@@ -51,6 +53,28 @@ def someone(directions):
     camera = (np.abs(azimuth) < 3) & (np.abs(height) < 2.5)
     leg = (np.abs(azimuth) < 0.8) & (height < 0) & (height > -45)
     return body | head | camera | leg
+
+
+def photographed(camera, world, turn, *, gain=1.0, seed=0, rim_samples=4):
+    """What a camera of `sphere_tracer` takes of a world (n, 3) -> (n, C), whoever took it in front.
+
+    turn     (3, 3) from the view's own world to `world`'s
+    returns  the image, with .4 % noise, and where the sphere is in it
+    """
+
+    def own(directions):
+        light = world(directions @ turn.T)
+        light[someone(directions)] = 0.1
+        return gain * light
+
+    chromium = sphere_tracer.chromium
+    image = sphere_tracer.photograph(camera, own, chromium, samples=2, rim_samples=rim_samples)
+    variance = (0.004 * image) ** 2 + 1e-7 * image.mean() ** 2
+    image = image + np.random.default_rng(seed).normal(size=image.shape) * np.sqrt(variance)
+    middle = camera.width / 2, camera.height / 2
+    sphere = Sphere(camera.centre, camera.radius, camera.focal_px, middle)
+    known = np.ones(image.shape[:2], np.float32)
+    return Measured(image.astype(np.float32), variance.astype(np.float32), known), sphere
 
 
 def seen(turn):

@@ -49,7 +49,9 @@ def done(sixlight, capture, out) -> list[str]:
 
 def again(sixlight, capture, out) -> list[str]:
     """What another run makes again that had been removed."""
-    lines = sixlight("envmap", capture, "-o", out).err.splitlines()
+    outcome = sixlight("envmap", capture, "-o", out)
+    assert outcome.status == 0, outcome.err
+    lines = outcome.err.splitlines()
     return [line.removeprefix("again: ") for line in lines if line.startswith("again")]
 
 
@@ -80,8 +82,18 @@ def test_what_is_needed_again_is_made_again_first(sixlight, bands):
         "scale",
         "demosaic cyan",
         "demosaic yellow",
+        "drift",  # for the report
     ]
     assert results(out) == before
+    assert done(sixlight, capture, out) == []
+
+
+def test_a_report_is_made_again_though_what_it_shows_was_removed(sixlight, bands):
+    capture, out = bands
+    sixlight("clean", out)
+    (out / "report.html").unlink()
+    assert again(sixlight, capture, out)[-1] == "drift"
+    assert done(sixlight, capture, out) == []
 
 
 def test_all_removes_all_of_ours_and_nothing_else(sixlight, bands):

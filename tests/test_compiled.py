@@ -93,7 +93,7 @@ def test_no_index_lies_outside_of_an_array_whatever_its_size(tmp_path):
 def test_all_functions_are_compiled_beforehand(tmp_path):
     """Merging afterwards finds everything there."""
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
-    run = [sys.executable, "-m", "stages.compiled"]
+    run = [sys.executable, "-m", "pipeline.compiling"]
     subprocess.run(run, env=environment, check=True, capture_output=True)
     before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nb?")}
     subprocess.run(

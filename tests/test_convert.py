@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import test_dds
 import test_ktx2
+from seen_from_inside import VIEWS, colours, directions
 from sphere_tracer import Camera, chromium, photograph, smooth_world
 
 from pipeline import io
@@ -24,12 +25,6 @@ from stages.types import Measured
 N = 16
 CUBES = ("cube", "hcross", "vcross", "faces")
 NAMES = tuple(f"P{i}" for i in range(1, 7))
-
-
-def colours(d):
-    """A world without symmetry, three channels, positive."""
-    x, y, z = np.moveaxis(np.asarray(d), -1, 0)
-    return np.stack([2 + x + 0.3 * y * z, 2 + y - 0.4 * x * z, 2 + z + 0.5 * x * y], axis=-1)
 
 
 @pytest.fixture
@@ -183,23 +178,6 @@ def test_light_beyond_half_floats_is_scaled_and_the_file_says_by_what(sixlight, 
 
 # -------------------------------------------------------------------- what programs see in them
 
-VIEWS = [  # in the glTF world, right-handed with +Y up: where each looks, and what is up
-    ((1, 0, 0), (0, 1, 0)),
-    ((-1, 0, 0), (0, 1, 0)),
-    ((0, 1, 0), (0, 0, -1)),
-    ((0, -1, 0), (0, 0, 1)),
-    ((0, 0, 1), (0, 1, 0)),
-    ((0, 0, -1), (0, 1, 0)),
-]
-
-
-def seen_from_inside(towards, up, size):
-    """Directions (size, size, 3) of a picture with a field of view of 90 degrees."""
-    towards, up = np.array(towards, float), np.array(up, float)
-    t = (np.arange(size) + 0.5) * 2 / size - 1
-    d = towards + t[None, :, None] * np.cross(towards, up) - t[:, None, None] * up
-    return d / np.linalg.norm(d, axis=-1, keepdims=True)
-
 
 @pytest.mark.parametrize("suffix", ["exr", "hdr"])
 def test_mitsuba_shows_the_world_as_it_is(sixlight, tmp_path, rgb, suffix):
@@ -220,7 +198,7 @@ def test_mitsuba_shows_the_world_as_it_is(sixlight, tmp_path, rgb, suffix):
         )
         picture = np.array(mitsuba.render(scene, spp=32, seed=1))[..., :3]
         # RGBE steps of 1/128, the noise of 32 places in a pixel, and a map of 64 rows
-        np.testing.assert_allclose(picture, colours(seen_from_inside(towards, up, 12)), atol=0.06)
+        np.testing.assert_allclose(picture, colours(directions(towards, up, 12)), atol=0.06)
 
 
 def test_blender_shows_the_world_as_it_is(sixlight, tmp_path, rgb):
@@ -246,7 +224,7 @@ def test_blender_shows_the_world_as_it_is(sixlight, tmp_path, rgb):
         ((0, 0, -1), (0, 1, 0)),
     ]
     for picture, (towards, up) in zip(pictures, looks, strict=True):
-        d = seen_from_inside(towards, up, picture.shape[0])
+        d = directions(towards, up, picture.shape[0])
         ours = np.stack([d[..., 0], d[..., 2], -d[..., 1]], axis=-1)
         np.testing.assert_allclose(picture, colours(ours), atol=0.06)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline import digest
+from pipeline import digest, steps
 from pipeline.steps import STEPS
 
 ROOT = Path(__file__).parent.parent
@@ -37,18 +37,37 @@ def test_every_process_finds_the_same_digest():
     assert len(said) == 1
 
 
-def reached(name: str) -> set[str]:
-    (step,) = (s for s in STEPS if s.name == name)
-    names = digest._names_in(step.run.__code__)
-    modules = {getattr(step.run.__globals__.get(n), "__module__", None) or "" for n in names}
-    # A helper beside it counts by its own source, see `digest.of_code`.
-    return set().union(*(digest._closure(m) for m in modules - {step.run.__module__}))
+@pytest.fixture
+def reached(monkeypatch):
+    def of_step(name: str) -> set[str]:
+        """Modules that count for a step."""
+        (step,) = (s for s in STEPS if s.name == name)
+        seen: set[str] = set()
+        monkeypatch.setattr(digest, "_content", lambda module: seen.add(module) or module)
+        digest.of_code(step.run)
+        return seen
+
+    return of_step
 
 
-def test_a_step_depends_on_its_stage_and_what_that_uses():
+def test_a_step_depends_on_its_stage_and_what_that_uses(reached):
     assert {"stages.merge", "stages.noise", "stages.types"} <= reached("merge")
     assert "stages.preview" not in reached("merge")
     assert "stages.mirror" in reached("unwrap")
+
+
+def test_a_step_depends_on_what_helpers_beside_it_use(reached):
+    assert "stages.region" in reached("align")  # through _read_region alone
+
+
+@pytest.mark.parametrize(
+    ("constant", "run"),
+    [("_LATLONG", steps._export), ("BAYER_NOISE_CORRELATION", steps._transform)],
+)
+def test_a_step_depends_on_constants(constant, run, monkeypatch):
+    before = digest.of_code(run)
+    monkeypatch.setattr(steps, constant, "another")
+    assert digest.of_code(run) != before
 
 
 def test_shaders_and_data_are_part_of_the_code():

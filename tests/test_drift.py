@@ -19,7 +19,8 @@ from pipeline.settings import Settings
 from pipeline.steps import STEPS
 from stages import cube
 from stages.drift import drift, worth_telling
-from stages.merge import InMemory, merge, true_shutter
+from stages.merge import InMemory, merge
+from stages.shutter import true_shutter
 from stages.types import Frame, Measured
 
 NAMES = ("cyan", "yellow")

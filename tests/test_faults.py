@@ -34,12 +34,15 @@ def results(out: Path) -> dict[str, str]:
 
 
 def started(*arguments, **environment) -> subprocess.Popen:
+    """The command in a process of its own, which Ctrl-C ends even where it does not end the tests:
+    what is started in the background inherits that it is to be ignored."""
     return subprocess.Popen(
         [sys.executable, "-m", "pipeline", *map(str, arguments)],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         env={**os.environ, **environment},
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
 
 

@@ -561,7 +561,7 @@ def test_what_a_chart_sent_is_kept_beside_the_matrix(tmp_path, known, rows, kept
 
 
 @pytest.mark.parametrize(
-    "rows", ["[[1.0, 2.0]]", "[[nan, 1, 1, 1, 1, 1]]", '"none"', "[[1.0], []]"]
+    "rows", ["[[1.0, 2.0]]", "[[nan, 1, 1, 1, 1, 1]]", '"none"', "5", "[[1.0], []]"]
 )
 def test_faulty_signals_of_a_chart_are_refused(tmp_path, known, rows):
     path = tmp_path / "M_S.toml"

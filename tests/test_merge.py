@@ -5,7 +5,8 @@ import pytest
 
 from calibration.errors import InputError
 from stages import merge as merging
-from stages.merge import InMemory, Known, true_shutter, warnings
+from stages.merge import InMemory, Known, warnings
+from stages.shutter import true_shutter
 from stages.types import Frame
 
 BAYER = {

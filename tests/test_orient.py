@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from small_views import someone
-from sphere_tracer import Camera, busy_world, chromium, photograph
+from small_views import photographed
+from sphere_tracer import Camera, busy_world, chromium
 
 from calibration.errors import InputError
-from stages.mirror import Sphere
 from stages.orient import Place, orient, warnings
-from stages.types import Measured
 
 COSINE = np.linspace(1.0, 0.0, 500) ** 2
 REFLECTANCE = np.arccos(COSINE), chromium(COSINE)
@@ -22,18 +20,7 @@ def taken(world, turn, *, gain=1.0, seed=0, rim=140.0):
     """A photograph with whoever took it, and the sphere in it."""
     height, width = int(2.4 * rim), int(2.6 * rim)
     camera = Camera.seeing(width / 2 + 3.0, height / 2 - 4.0, rim, height, width)
-
-    def own(directions):
-        light = world(directions @ turn.T)
-        light[someone(directions)] = 0.1
-        return gain * light
-
-    image = photograph(camera, own, chromium, samples=2, rim_samples=4)
-    variance = (0.004 * image) ** 2 + 1e-7 * image.mean() ** 2
-    image = image + np.random.default_rng(seed).normal(size=image.shape) * np.sqrt(variance)
-    sphere = Sphere(camera.centre, camera.radius, camera.focal_px, (width / 2, height / 2))
-    known = np.ones(image.shape[:2], np.float32)
-    return Measured(image.astype(np.float32), variance.astype(np.float32), known), sphere
+    return photographed(camera, world, turn, gain=gain, seed=seed)
 
 
 def oriented(views, places=None):

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from stages.mirror import Sphere
 from stages.overlay import overlay
@@ -24,7 +25,7 @@ def test_the_rim_is_drawn_where_it_is_and_nowhere_else():
     y, x = np.mgrid[:240, :320] + 0.5
     away = np.abs(np.hypot(x - 160.0, y - 120.0) - 80.0)
     assert coloured[away < 0.4].mean() > 0.9
-    elsewhere = (away > 2.0) & (np.hypot(x - 160.0, y - 120.0) > 12.0) & (y > 35.0)
+    elsewhere = (away > 2.0) & (np.hypot(x - 160.0, y - 120.0) > 12.0) & (y > 56.0)
     assert not coloured[elsewhere].any()
 
 
@@ -55,3 +56,19 @@ def test_a_sector_that_disagrees_is_marked_and_no_other():
     assert len(row) > 5
     assert (angle > 88.0).all()
     assert (angle < 102.0).all()
+
+
+@pytest.mark.parametrize("width", [120, 200, 320, 500])
+def test_a_narrow_picture_holds_the_whole_caption(width):
+    told = {"rim_found": 0.97, "rim_residual_px": 0.05, "rim_sigma_px": (0.03, 0.03, 0.04)}
+
+    def letters(picture_width):
+        # Of a sphere so far below that nothing but the caption is drawn.
+        picture = overlay(grey(300, picture_width), replace(SPHERE.with_shift((0, 600)), **told))
+        return np.ptp(picture, axis=-1)
+
+    narrow, wide = letters(width), letters(1000)
+    assert narrow.max() > 0.5
+    assert narrow[:, -2:].max() < 0.02  # cut off, letters would reach the edge
+    if width >= 320:  # letters as large as ever, in more lines: the same ink
+        np.testing.assert_allclose(narrow.sum(), wide.sum(), rtol=0.05)

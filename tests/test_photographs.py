@@ -109,6 +109,16 @@ def test_dark_and_flat_frames_are_found(small):
     assert "dark" not in "\n".join(found.notes)
 
 
+def test_what_exif_lacks_is_checked_once_for_all_photographs(sixlight, small):
+    write(small / "dark" / "1.dng")
+    with (small / "capture.toml").open("a") as toml:
+        toml.write('\n[camera]\niso = "high"\nf_number = 0.1\n')
+    outcome = sixlight("inspect", small)
+    assert outcome.status == 2
+    assert outcome.err.count("iso is 'high'") == 1, outcome.err
+    assert outcome.err.count("f_number is 0.1") == 1
+
+
 def test_dark_frames_that_tell_little_are_noted(small):
     write(small / "dark" / "1.dng", time_s=(1, 1000), iso=800)
     assert "no dark frames at ISO 100" in notes(small)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib
+import tomllib
 from datetime import datetime
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from scipy import constants
 
 from calibration.errors import InputError
 from calibration.spectra import WAVELENGTHS, read_spectra
-from pipeline.simulate import Quality, camera, chart, materials, simulate
+from pipeline.simulate import Quality, _capture, camera, chart, materials, simulate
 from pipeline.simulate.camera import Camera, Shutter
 from stages import cube
 
@@ -370,8 +372,6 @@ def test_wrong_wishes_are_refused_in_one_line(tmp_path, monkeypatch):
 def test_a_whole_capture_is_written_and_nothing_beside_it(tmp_path, monkeypatch, render):
     from pipeline.simulate import room
 
-    small = Camera(width=96, height=88, pixel_pitch_um=85.0)
-    monkeypatch.setattr(camera, "Camera", lambda: small)
     monkeypatch.setattr(camera, "BRACKET", camera.BRACKET[2:5])
     monkeypatch.setattr(chart, "LIGHTS", {"A": chart.LIGHTS["A"]})
     few = room.room()
@@ -379,7 +379,7 @@ def test_a_whole_capture_is_written_and_nothing_beside_it(tmp_path, monkeypatch,
     monkeypatch.setattr(render, "PASSES", (15,))  # green
     monkeypatch.setattr(room, "room", lambda: few)
     lines = []
-    quality = Quality(spacing=0.5, rays=4, subpixels=1, truth_size=8, truth_samples=2)
+    quality = Quality(spacing=0.5, rays=4, subpixels=1, truth_size=8, truth_samples=2, width=96)
     out = tmp_path / "capture"
     simulate("room", out, quality=quality, seed=4, progress=lines.append)
     assert lines
@@ -389,5 +389,16 @@ def test_a_whole_capture_is_written_and_nothing_beside_it(tmp_path, monkeypatch,
     for name in ("spectral.exr", "cubemap.exr", "geometry.toml"):
         assert (out / "truth" / name).is_file()
     with rawpy.imread(str(out / "yellow/yellow_03.dng")) as raw:
-        assert raw.raw_image_visible.shape == (88, 96)
+        assert raw.raw_image_visible.shape == (86, 96)
         assert raw.raw_image_visible.max() > 700  # there is light
+    # What the capture says of the lens is what the photographs were made with.
+    told = tomllib.loads((out / "capture.toml").read_text())["camera"]
+    truth = tomllib.loads((out / "truth" / "geometry.toml").read_text())
+    focal_px = 1000.0 * told["focal_length_mm"] / told["pixel_pitch_um"]
+    assert focal_px == pytest.approx(truth["focal_px"], rel=1e-4)
+
+
+def test_a_simulated_capture_reads_as_the_sample_that_is_bundled():
+    tables = [f'[[filter]]\nname = "{name}"\nfiles = "{name}/*"\n' for name in camera.FILTERS]
+    sample = Path(__file__).parents[1] / "sample_captures" / "room" / "capture.toml"
+    assert _capture(Camera(), tables, 'transform = "M_S.toml"') == sample.read_text()

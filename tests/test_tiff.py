@@ -41,6 +41,17 @@ def test_what_is_no_tiff_or_is_cut_says_nothing():
         assert tiff.active_area(found) is None
 
 
+def test_no_more_is_asked_for_than_the_file_holds():
+    class Measured(io.BytesIO):
+        def read(self, size=-1):
+            assert size <= len(self.getbuffer())  # a file's own read makes room for so much
+            return super().read(size)
+
+    entry = struct.pack("<HHII", 273, 4, 2**32 - 1, 8)
+    claims = struct.pack("<2sHI", b"II", 42, 8) + struct.pack("<H", 1) + entry + bytes(4)
+    assert tiff.directories(Measured(claims + bytes(2000))) == []
+
+
 def test_a_directory_that_leads_to_itself_ends():
     entry = struct.pack("<HHII", 330, 4, 1, 8)
     itself = struct.pack("<2sHI", b"II", 42, 8) + struct.pack("<H", 1) + entry

@@ -196,15 +196,15 @@ def flat_mosaic(rng, sigma):
     )
 
 
+def flat_cubes(count, *, seed, **options):
+    rng = np.random.default_rng(seed)
+    images = (demosaic(flat_mosaic(rng, 0.01)) for _ in range(count))
+    return [unwrap([image], SPHERE, STILL, **options) for image in images]
+
+
 @pytest.mark.slow
 def test_the_variance_knows_what_demosaicing_shares_between_pixels():
-    rng = np.random.default_rng(8)
-    cubes = []
-    for _ in range(8):
-        image = demosaic(flat_mosaic(rng, 0.01))
-        cubes.append(
-            unwrap([image], SPHERE, STILL, face_size=32, noise_area_px=BAYER_NOISE_AREA_PX)
-        )
+    cubes = flat_cubes(8, seed=8, face_size=32, noise_area_px=BAYER_NOISE_AREA_PX)
     angle = angle_from_camera(32)
     spread = np.var([cube.values for cube in cubes], axis=0, ddof=1)
     stated = np.mean([cube.variance for cube in cubes], axis=0)
@@ -217,12 +217,8 @@ def test_the_variance_knows_what_demosaicing_shares_between_pixels():
 
 @pytest.mark.slow
 def test_colours_of_a_texel_share_as_much_noise_as_is_said():
-    rng = np.random.default_rng(10)
-    noise = []
-    for _ in range(4):
-        image = demosaic(flat_mosaic(rng, 0.01))
-        noise.append(unwrap([image], SPHERE, STILL, face_size=88).values - 1.0)
-    noise = np.array(noise)[:, angle_from_camera(88) < 140.0].reshape(-1, 3)
+    noise = np.array([each.values - 1.0 for each in flat_cubes(4, seed=10, face_size=88)])
+    noise = noise[:, angle_from_camera(88) < 140.0].reshape(-1, 3)
     # A texel in front is a pixel and a half wide here, as it is by default.
     np.testing.assert_allclose(np.corrcoef(noise.T), BAYER_NOISE_CORRELATION, atol=0.05)
 

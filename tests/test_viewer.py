@@ -13,7 +13,7 @@ import lit_room
 import numpy as np
 import pytest
 
-from pipeline.viewer import packing, page
+from pipeline.viewer import contents, packing, page
 from stages import cube
 from stages.prefilter import prefilter
 
@@ -72,7 +72,9 @@ def test_it_asks_nobody_for_anything(parsed):
         assert not {"src", "href", "srcset", "data", "action", "style"} & set(told), tag
         assert not [name for name in told if name.startswith("on")], tag
     assert not re.search(r"@import|url\(|https?:", parsed.texts["style"])
-    assert not re.search(r"\bfetch\(|XMLHttpRequest|innerHTML|\beval\(", parsed.texts["module"])
+    asks = r"\bfetch\(|XMLHttpRequest|WebSocket|sendBeacon|\bimport\("
+    makes_markup = r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|\beval\(|\bFunction\("
+    assert not re.search(f"{asks}|{makes_markup}", parsed.texts["module"])
 
 
 def test_a_name_never_becomes_markup(made, parsed):
@@ -122,6 +124,17 @@ def test_faces_are_told_as_cube_py_has_them(parsed):
     assert np.allclose(along / np.linalg.norm(along, axis=-1, keepdims=True), expected)
 
 
+def test_sigma_is_told_to_an_eighth_of_a_stop_and_0_where_it_is_not_known(parsed):
+    sigma = np.geomspace(1e-8, 3e-4, 50).reshape(1, 5, 5, 2)
+    sigma[0, 2, 3] = np.nan
+    known = np.isfinite(sigma)
+    steps = contents._sigma_steps(sigma)
+    told = json.loads(parsed.texts["contents"])["map"]["sigma"]["steps"]
+    back = sigma[known].max() * 2.0 ** ((steps[known].astype(float) - 255) / told)
+    assert np.abs(np.log2(back / sigma[known])).max() <= 1 / 8 + 1e-9
+    assert not steps[~known].any()
+
+
 # ----------------------------------------------------------------------------------- packing
 
 
@@ -133,14 +146,20 @@ def unpacked(pack):
     return zlib.decompress(framed[4 : 4 + length], -15)
 
 
+def value(codes, bits):
+    """The half floats that codes stand for, as unpack.js has them."""
+    pattern = np.abs(codes).astype(np.uint16) << (10 - bits)
+    return np.copysign(pattern.view(np.float16).astype(np.float64), codes)
+
+
 def test_codes_are_right_to_a_thousandth_over_all_magnitudes():
     rng = np.random.default_rng(1)
     values = rng.uniform(1, 2, 100_000) * 2.0 ** rng.integers(-14, 15, 100_000)
     values *= rng.choice([-1, 1], values.shape)
-    back = packing.value(packing.code(values, 9), 9)
+    back = value(packing.code(values, 9), 9)
     assert np.abs(back / values - 1).max() <= 2.0**-10 + 2.0**-16
-    assert np.array_equal(packing.value(packing.code([65504.0, 0.0], 9), 9)[1:], [0.0])
-    assert np.isfinite(packing.value(packing.code([65504.0], 9), 9)).all()
+    assert np.array_equal(value(packing.code([65504.0, 0.0], 9), 9)[1:], [0.0])
+    assert np.isfinite(value(packing.code([65504.0], 9), 9)).all()
 
 
 def test_codes_are_in_the_order_of_values():

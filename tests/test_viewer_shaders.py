@@ -63,22 +63,25 @@ def test_display_shows_what_display_py_shows(context, tone):
 
 
 @pytest.mark.parametrize("supersampling", [1, 2])
-def test_reduce_takes_points_to_pixels_as_previews_do(context, supersampling):
-    s = supersampling
-    points = np.random.default_rng(2).random((8 * s, 12 * s, 3)).astype(np.float32)
+@pytest.mark.parametrize("corner", [(0, 0), (3, 2)])
+def test_reduce_takes_points_to_pixels_as_previews_do(context, supersampling, corner):
+    """Of all of a picture, or of what lies above and to the right of a corner."""
+    s, (x, y) = supersampling, corner
+    points = np.random.default_rng(2).random(((8 - y) * s, (12 - x) * s, 3)).astype(np.float32)
     pixels = drawn(
         context,
         "reduce.frag",
         (12, 8),
         {"points": [texture(context, points)]},
-        corner=np.array([0, 0]),
-        last=np.array([12 * s - 1, 8 * s - 1]),
+        corner=np.array(corner),
+        last=np.array([(12 - x) * s - 1, (8 - y) * s - 1]),
         supersampling=s,
     )
-    assert np.allclose(pixels, _reduced(_reduced(points, s, 0), s, 1), atol=1e-6)
+    assert np.allclose(pixels[y:, x:], _reduced(_reduced(points, s, 0), s, 1), atol=1e-6)
 
 
-def test_latlong_shows_each_direction_where_layouts_py_has_it(context):
+@pytest.mark.parametrize("turn", [0.0, np.pi / 2])
+def test_latlong_shows_each_direction_where_layouts_py_has_it(context, turn):
     size, width = 64, 128
     channels = cube.directions(size)[..., [0, 1, 2, 0, 1, 2]].astype(np.float32)
     maps = [cube_texture(context, [channels[..., k : k + 3]]) for k in (0, 3)]
@@ -90,8 +93,9 @@ def test_latlong_shows_each_direction_where_layouts_py_has_it(context):
         {"TRIPLES": 2},
         level=0.0,
         place=(0.0, 0.0, float(width), float(width // 2)),
-        turn=0.0,
+        turn=turn,
         xyz_from_triple=np.stack([np.eye(3), np.zeros((3, 3))]),
     )[::-1]
     v, u = (np.mgrid[0 : width // 2, 0:width] + 0.5) / np.array([width // 2, width])[:, None, None]
-    assert np.abs(picture - LATLONG.direction(0, u, v)).max() < 2e-3  # between two texels
+    expected = LATLONG.direction(0, (u + turn / (2 * np.pi)) % 1.0, v)
+    assert np.abs(picture - expected).max() < 2e-3  # between two texels

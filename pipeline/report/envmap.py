@@ -112,7 +112,7 @@ def _filters(folder: Path, result: Mapping[str, Any]) -> Iterator[dict[str, Any]
             "ladder": figures.exposures(rows),
             "electrons": 1.0 / gain if gain else None,
             "read_electrons": read / gain if gain else None,
-            "moved": figures.moved(folder / "work" / f"merged_{name.replace(' ', '_')}.npz")
+            "moved": figures.moved(folder / _made(result, "merge", name, ".npz"))
             if told["moved"] > 0
             else None,
         }
@@ -125,7 +125,7 @@ def _geometry(folder: Path, result: Mapping[str, Any]) -> Iterator[dict[str, Any
         x, y, z = sphere["centre_mm"]
         yield {
             "view": view,
-            "rim": _picture(folder / _of_view("sphere{view}.png", view)),
+            "rim": _picture(folder / _made(result, "locate", view, ".png")),
             "sphere": sphere,
             "distance_mm": math.sqrt(x * x + y * y + z * z),
             "alignment": alignments.get(view),
@@ -148,12 +148,13 @@ def _views(result: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
 
 def _drift(folder: Path, result: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     for view, told in learnt(result, "drift").items():
-        pixels, names, _ = io.read_exr(folder / _of_view("work/drift{view}.exr", view))
+        pixels, names, _ = io.read_exr(folder / _made(result, "drift", view, ".exr"))
         yield {"view": view, "told": told, "map": figures.drift(pixels, names)}
 
 
-def _of_view(name: str, view: str) -> str:
-    """The file of one view, as `steps.files_of` names it."""
-    if not view:
-        return name.replace("{view}", "")
-    return f"work/{name.replace('{view}', f'_{view}').removeprefix('work/')}"
+def _made(result: Mapping[str, Any], step: str, of: str, suffix: str) -> str:
+    """The file of that kind that a step made for a filter or a view; "" is the whole capture."""
+    (name,) = (
+        name for name in result["steps"][f"{step} {of}".strip()]["made"] if name.endswith(suffix)
+    )
+    return name

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -125,7 +125,8 @@ def _room(out: Path, quality: Quality, seed: int, progress: Progress) -> None:
         face_size=quality.truth_size, samples=quality.truth_samples, seed=seed, progress=progress,
     )  # fmt: skip
     _write_truth(out / "truth", spectral, [view], camera)
-    (out / "capture.toml").write_text(CAPTURE_TOML)
+    filters = [f'[[filter]]\nname = "{name}"\nfiles = "{name}/*"\n' for name in cameras.FILTERS]
+    (out / "capture.toml").write_text(_capture(camera, filters, 'transform = "M_S.toml"'))
     (out / "README.md").write_text(README)
 
 
@@ -171,13 +172,19 @@ def _room_from_all_sides(
     write_spectra(out / "C.csv", Spectra(WAVELENGTHS, names, cameras.sensitivities(WAVELENGTHS)))
     glass = [cameras.transmittance(name, WAVELENGTHS) for name in cameras.FILTERS]
     write_spectra(out / "F.csv", Spectra(WAVELENGTHS, cameras.FILTERS, np.stack(glass, axis=1)))
-    tables = "".join(f'[[view]]\nname = "view{k + 1}"\n\n' for k in range(count))
-    head, _, rest = CAPTURE_TOML.partition("[[filter]]")
-    optics = rest[rest.index("[sphere]") : rest.index("[calibration]")]
-    optics = optics.replace("pixel_pitch_um = 8.0", f"pixel_pitch_um = {camera.pixel_pitch_um:g}")
-    known = '[calibration]\ncamera = "C.csv"\nfilters = "F.csv"\n'
-    (out / "capture.toml").write_text(f"{head}{tables}{optics}{known}")
+    tables = [f'[[view]]\nname = "view{k + 1}"\n' for k in range(count)]
+    known = 'camera = "C.csv"\nfilters = "F.csv"'
+    (out / "capture.toml").write_text(_capture(camera, tables, known))
     (out / "README.md").write_text(README_OF_VIEWS)
+
+
+def _capture(camera, tables: Sequence[str], calibration: str) -> str:
+    """capture.toml, with tables of filters or views, and what is in [calibration]."""
+    return CAPTURE_TOML.format(
+        tables="\n".join(tables),
+        pixel_pitch_um=round(camera.pixel_pitch_um, 4),
+        calibration=calibration,
+    )
 
 
 class _Writer:
@@ -321,14 +328,7 @@ GEOMETRY_HEAD = """\
 CAPTURE_TOML = """\
 name = "living room, window and reading lamp (simulated)"
 
-[[filter]]
-name = "cyan"
-files = "cyan/*"
-
-[[filter]]
-name = "yellow"
-files = "yellow/*"
-
+{tables}
 [sphere]
 radius_mm = 50.0
 distance_mm = 1500.0
@@ -336,7 +336,7 @@ material = "stainless steel"
 
 [camera]
 focal_length_mm = 100.0
-pixel_pitch_um = 8.0
+pixel_pitch_um = {pixel_pitch_um}
 
 [room]                      # by tape, to the nearest 5 cm
 size_m = [4.8, 2.6, 5.8]
@@ -344,7 +344,7 @@ sphere_m = [2.3, 1.25, 2.6]
 camera_m = [2.3, 1.35, 4.1]
 
 [calibration]
-transform = "M_S.toml"
+{calibration}
 """
 
 README = """\

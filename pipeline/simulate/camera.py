@@ -126,18 +126,13 @@ def responses(camera: Camera, filter_name: str) -> NDArray[np.float64]:
     the irradiance behind a lens, E = pi L / (4 N^2), times a pixel's area, times the electrons per
     joule at the green peak, times the sensitivity relative to that.
     """
-    colour = colour_science()
-    curves = colour.MSDS_CAMERA_SENSITIVITIES["Nikon 5100 (NPL)"]
-    sensitivity = np.stack(
-        [np.interp(FINE, curves.wavelengths, c) for c in curves.values.T], axis=1
-    )
     planck_times_light = 1.98644586e-25  # J m
     electrons_per_joule = camera.peak_efficiency * 530e-9 / planck_times_light
     pixel_area = (camera.pixel_pitch_um * 1e-6) ** 2
     constant = np.pi / (4 * camera.f_number**2) * pixel_area * electrons_per_joule
     step = np.full(len(FINE), FINE[1] - FINE[0])
     step[[0, -1]] /= 2  # trapezia
-    return constant * (sensitivity * transmittance(filter_name)[:, None]) * step[:, None]
+    return constant * (sensitivities(FINE) * transmittance(filter_name)[:, None]) * step[:, None]
 
 
 def sensitivities(wavelengths) -> NDArray[np.float64]:

@@ -82,7 +82,7 @@ export function covered(clipFromWorld, low, high, size) {
   return right > x && top > y ? [x, y, right - x, top - y] : null;
 }
 
-export const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 
 const cross = (a, b) => [
   a[1] * b[2] - a[2] * b[1],

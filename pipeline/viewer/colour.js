@@ -19,12 +19,12 @@ export function temperature([x, y], locus) {
     const du = u1 - u0, dv = v1 - v0, length = Math.hypot(du, dv);
     const along = ((u - u0) * du + (v - v0) * dv) / length ** 2;
     const share = Math.min(Math.max(along, 0), 1);
-    if (share !== along && (k === 0 ? along < 0 : k + 2 === locus.length && along > 1)) continue; // off an end
+    const off = (k === 0 && along < 0) || (k + 2 === locus.length && along > 1); // an end is nearest
     const away = Math.hypot(u - u0 - share * du, v - v0 - share * dv);
     const above = Math.sign((u - u0) * dv - (v - v0) * du) || 1;
-    if (!best || away < Math.abs(best.duv)) best = { kelvin: t0 * (t1 / t0) ** share, duv: above * away };
+    if (!best || away < Math.abs(best.duv)) best = { kelvin: t0 * (t1 / t0) ** share, duv: above * away, off };
   }
-  return best && Math.abs(best.duv) <= 0.05 ? best : null;
+  return !best.off && Math.abs(best.duv) <= 0.05 ? best : null;
 }
 
 // The spectrum that six values most probably come from, and one standard deviation of it: of what

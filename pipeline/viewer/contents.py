@@ -27,8 +27,8 @@ from stages.scene import BRDFS
 from stages.trichromatic import Trichromatic
 from stages.view import View
 
-WHITES = ("D65", "D50", "A", "E")
-SIGMA_STEPS = 4  # codes of sigma for each factor of two
+_WHITES = ("D65", "D50", "A", "E")
+_SIGMA_STEPS = 4  # codes of sigma for each factor of two
 _PROGRAMS = (
     "surface.vert",
     "surface.frag",
@@ -82,7 +82,7 @@ def contents(
             "size": whole.shape[1],
             "scale": view.scale,
             "faces": _faces(),
-            "sigma": {"largest": _largest(view.sigma), "steps": SIGMA_STEPS},
+            "sigma": {"largest": _largest(view.sigma), "steps": _SIGMA_STEPS},
         },
         "ways": {
             "six": {"xyz": primaries.xyz_from_primaries.tolist()},
@@ -163,7 +163,7 @@ def _sigma_steps(sigma):
     """Sigma as bytes: 255 the largest, each less a step of a factor of two; 0 not known."""
     known = np.isfinite(sigma) & (sigma > 0)
     steps = np.zeros(sigma.shape)
-    steps[known] = 255 + np.round(SIGMA_STEPS * np.log2(sigma[known] / _largest(sigma)))
+    steps[known] = 255 + np.round(_SIGMA_STEPS * np.log2(sigma[known] / _largest(sigma)))
     return np.where(known, np.maximum(steps, 1), 0).astype(np.uint8)
 
 
@@ -210,7 +210,7 @@ def _look(whites: Mapping[str, Any]) -> dict[str, Any]:
 
     Adaptation by a degree D is D times the matrix plus 1 - D times the identity.
     """
-    known = {name: adaptation.white(name) for name in WHITES}
+    known = {name: adaptation.white(name) for name in _WHITES}
     matrices: dict[str, Any] = {}
     for method in METHODS:
         matrices[method] = {}

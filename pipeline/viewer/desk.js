@@ -10,12 +10,9 @@ export const ofModel = ({ pitch, blur }) => ({ yaw: 0, pitch: Number(pitch.toFix
 // What the page says of the map, once.
 export function dress(about, materials) {
   const form = $("controls").elements;
-  $("subtitle").textContent = "Six channels against three, in measured light";
-  if (about.channels.length !== 6) {
-    const count = about.channels.length;
-    $("subtitle").textContent = `${count} channels against three, in measured light`;
-    $("tag-six").textContent = `${count} channels`;
-  }
+  const count = about.channels.length === 6 ? "Six" : about.channels.length;
+  $("tag-six").textContent = `${count} channels`;
+  $("subtitle").textContent = `${count} channels against three, in measured light`;
   fill(form.model, about.models);
   fill(form.material, materials.map(({ label }, k) => ({ id: String(k), label })));
   fill(form.lobe, about.lobes);

@@ -17,7 +17,7 @@ export class Drawing {
     this.points = images(gl, TILE, TILE, [gl.pointFormat]);
     this.shapes = about.shapes.map((shape) => this.#shape(shape));
     this.triangles = gl.createVertexArray();
-    this.turn = null;
+    this.placedAs = null;
   }
 
   // What a way of rendering needs: "six" or "three". Its maps are made when first asked for.
@@ -131,7 +131,7 @@ export class Drawing {
     return this.programs.get(key);
   }
 
-  // Sends pictures to the screen: each of `shown` is { picture, display, scissor }.
+  // Sends pictures to the screen: each of `shown` is { picture, look, scissor }.
   show(shown, size) {
     const { gl } = this;
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
@@ -258,8 +258,8 @@ export class Drawing {
   // Vertices of each thing in the world, anew where the model or its turn has changed.
   #place({ model, things, turn }) {
     const key = `${model} ${turn}`;
-    if (this.turn === key) return;
-    this.turn = key;
+    if (this.placedAs === key) return;
+    this.placedAs = key;
     const { gl } = this;
     this.placed?.forEach(({ array, buffer }) => {
       gl.deleteVertexArray(array);

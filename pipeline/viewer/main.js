@@ -54,6 +54,7 @@ async function start() {
       const level = Math.max(0, Math.log2((4 * about.map.size) / (size[0] * wide)));
       return { map: { place: [(1 - wide) / 2, (1 - high) / 2, wide, high], level, turn: (now.turn * Math.PI) / 180 } };
     }
+    const chosen = about.roughnesses.find(({ alpha }) => alpha === nearest(alphas(about), now.rough));
     return {
       model: now.model,
       camera: camera(now, model, size[0] / size[1]),
@@ -63,9 +64,8 @@ async function start() {
       samples: now.samples === "auto" ? undefined : Number(now.samples),
       things: model.things.map(({ shape, at, material }) => {
         const used = material === null ? materials[now.material] : about.materials[material];
-        const rough = (material === null || model.rough)
-          && about.roughnesses.find(({ alpha }) => alpha === nearest(alphas(about), now.rough));
-        return { shape, at, material: used, alpha: rough ? rough.alpha : used.alpha, form: rough ? rough.form : used.form };
+        const { alpha, form } = material === null || model.rough ? chosen : used;
+        return { shape, at, material: used, alpha, form };
       }),
     };
   };
@@ -144,22 +144,24 @@ const exposure = ({ look }, white) => look.exposure_ev[white] ?? look.exposure_e
 
 // Defaults, choices and ranges of the state.
 function settings(about, materials) {
-  const [first] = about.models;
-  const whites = about.look.whites.map(({ id }) => id);
+  const [first] = about.models, form = $("controls").elements;
+  const whites = about.look.whites.map(({ id }) => id), alpha = alphas(about);
+  const range = ({ min, max }) => [Number(min), Number(max)];
   return [
     {
-      view: "model", model: first.id, ...ofModel(first), material: "0", rough: nearest(alphas(about), 0.05),
+      view: "model", model: first.id, ...ofModel(first), material: "0", rough: nearest(alpha, 0.05),
       lobe: about.lobes[0].id, samples: "auto", turn: 0, compare: "split", divider: 0.5, ev: 0,
       tone: "shoulder", adapt: "cat02", white: whites[0], degree: 1, probe: null,
     },
     {
       view: ["model", "map"], model: about.models.map(({ id }) => id), material: materials.map((_, k) => String(k)),
       lobe: about.lobes.map(({ id }) => id), samples: SAMPLES, compare: ["six", "split", "three"],
-      tone: ["shoulder", "clip"], adapt: ["cat02", "cat16", "none"], white: whites,
+      tone: ["shoulder", "clip"], adapt: [...Object.keys(about.look.adaptation), "none"], white: whites,
     },
     {
-      yaw: [-180, 180, 360], pitch: [-85, 85], zoom: [0.4, 6], turn: [0, 360, 360], rough: [0.01, 0.6],
-      blur: [0, 6], divider: [0, 1], ev: [-8, 8], degree: [0, 1],
+      yaw: [-180, 180, 360], pitch: [-85, 85], zoom: [0.4, 6], turn: [0, 360, 360], divider: [0, 1],
+      rough: [alpha[0], alpha[alpha.length - 1]],
+      blur: range(form.blur), ev: range(form.ev), degree: range(form.degree),
     },
   ];
 }

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from calibration.primaries import Primaries
-from pipeline.compositions import Composition, compose
+from pipeline.compositions import Composition, compose, red, stand
 from pipeline.materials import Maker
 from pipeline.viewer.packing import Pack
 from stages.light import form
@@ -81,7 +81,7 @@ class Models:
         self.glosses: list[Any] = []
         self._primaries = primaries
         make = self._make = Maker(primaries)
-        self._chosen = make.patch("15", roughness=0.05)
+        self._chosen = red(make)
         for label, material in (
             ("Red paint", make.patch("15")),
             ("Blue paint", make.patch("13")),
@@ -103,11 +103,11 @@ class Models:
         light   (6, N, N, P) the map without holes
         raises  InputError where it cannot be shown in this light
         """
-        stand = self._make.patch("21", roughness=0.12)
         if name == "teapot":
-            composed = Composition(name, teapot(self._chosen, stand), 1.0)
+            composed = Composition(name, teapot(self._chosen, stand(self._make)), 1.0)
         elif name == "sphere":
-            ball, _ = on_stand(sphere(radius=0.1, segments=64), self._chosen, stand)
+            mesh = sphere(radius=0.1, segments=64)
+            ball, _ = on_stand(mesh, self._chosen, stand(self._make))
             composed = Composition(name, ball, 1.0)
         else:
             composed = compose(name, light, self._primaries)

@@ -44,13 +44,6 @@ def code(values, bits: int) -> Codes:
     return np.where(np.signbit(values), -size, size)
 
 
-def value(codes: Codes, bits: int) -> NDArray[np.float32]:
-    """The half floats that codes stand for."""
-    ordered = codes << (10 - bits)
-    pattern = np.where(ordered < 0, 0x8000 | -ordered, ordered).astype(np.uint16)
-    return pattern.view(np.float16).astype(np.float32)
-
-
 class Pack:
     """Arrays on their way into a page.
 

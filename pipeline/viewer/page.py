@@ -13,7 +13,7 @@ from pathlib import Path
 import pipeline.viewer as here
 from calibration.primaries import Primaries
 from pipeline import io, previews
-from pipeline.errors import fault, storing
+from pipeline.errors import fault
 from pipeline.viewer.contents import contents, pack
 from pipeline.viewer.packing import TAPS
 from stages.types import Measured
@@ -124,18 +124,11 @@ def view(envmap: Path, out: Path | None, *, force: bool = False) -> Path:
     measured, _ = io.read_measured(environment.file, cube=True)
     file = out or environment.file.parent / "viewer.html"
     ours = (file.parent / "work" / "capture.json").is_file() and file.name == "viewer.html"
-    if file.exists() and not (ours or force):
-        raise fault("exists", "a new file", "choose another -o, or --force", file)
+    previews.check_place(file, ours or force)
     header = environment.header
     text = page(header.get("name", ""), header.get("unit", ""), measured, environment.primaries)
-    beside = file.with_name(f".unfinished-{file.name}")
-    with storing(file):
-        file.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            io.write_text(beside, text)
-            beside.replace(file)
-        finally:
-            beside.unlink(missing_ok=True)
+    with previews.moving_into(file.parent) as beside:
+        io.write_text(beside / file.name, text)
     return file
 
 

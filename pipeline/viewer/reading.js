@@ -3,12 +3,14 @@ import { chromaticity, spectrum, temperature } from "./colour.js";
 import { plot } from "./plot.js";
 import { $, definitions, text } from "./ui.js";
 
+const ALL = 0.995; // of a texel: what rounds to 100 %
+
 export function showReading(found, about) {
   const { what, values, xyz, three, sigma, valid } = found;
   $("reading-title").textContent = what === "light" ? "Light" : "Surface";
   $("reading-note").textContent = place(found);
   $("reading-trust").textContent = what === "light" ? trust(found) : "Its noise is the map’s, much averaged.";
-  $("reading-trust").classList.toggle("alert", what === "light" && valid < 0.995);
+  $("reading-trust").classList.toggle("alert", what === "light" && valid < ALL);
   plot($("plot"), spectrum(values, sigma, about.spectrum), about.channels);
 
   const xy = chromaticity(xyz), cct = xy && temperature(xy, about.locus);
@@ -51,7 +53,7 @@ function place({ what, direction }) {
 // What `valid` and `sigma` say of a texel.
 function trust({ values, sigma, valid }) {
   if (valid === 0) return "Not measured: the sphere does not show this direction. Filled smoothly from what is around it.";
-  const measured = valid < 0.995 ? `${Math.round(100 * valid)} % of this texel was measured, the rest is filled.`
+  const measured = valid < ALL ? `${Math.round(100 * valid)} % of this texel was measured, the rest is filled.`
     : "All of this texel was measured.";
   if (!sigma) return `${measured} Its noise is not known.`;
   const norm = (numbers) => Math.hypot(...numbers);

@@ -3,7 +3,7 @@
 
 export const $ = (id) => document.getElementById(id);
 
-// `outputs` writes a number as people read it; `positions` says where a slider stands for it.
+// `outputs` writes a number as people read it; `steps` are the values that a slider counts.
 export function bind(state, { outputs, steps }) {
   const form = $("controls");
   form.addEventListener("submit", (event) => event.preventDefault());

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from seen_from_inside import VIEWS, colours, directions
 
 from pipeline import io, ktx2
 from stages import cube
@@ -28,14 +29,6 @@ FILES = {  # as pages import them
     "ktx-parse": "ktx-parse/dist/index.mjs",
 }
 SIZE = 24
-VIEWS = [  # in the glTF world, right-handed with +Y up: where each looks, and what is up
-    ((1, 0, 0), (0, 1, 0)),
-    ((-1, 0, 0), (0, 1, 0)),
-    ((0, 1, 0), (0, 0, -1)),
-    ((0, -1, 0), (0, 0, 1)),
-    ((0, 0, 1), (0, 1, 0)),
-    ((0, 0, -1), (0, 1, 0)),
-]
 
 # Renders of a scene with a half-float target: linear numbers, not a screen's.
 SCENE = """
@@ -60,12 +53,6 @@ export function bytes(text) {
   return Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
 }
 """
-
-
-def colours(d):
-    """A world without symmetry, three channels, positive."""
-    x, y, z = np.moveaxis(np.asarray(d), -1, 0)
-    return np.stack([2 + x + 0.3 * y * z, 2 + y - 0.4 * x * z, 2 + z + 0.5 * x * y], axis=-1)
 
 
 @pytest.fixture
@@ -119,14 +106,6 @@ def picture(pixels):
     return np.array(pixels).reshape(SIZE, SIZE, 4)[::-1, :, :3]
 
 
-def seen_from_inside(towards, up):
-    """Directions (SIZE, SIZE, 3) of a picture with a field of view of 90 degrees."""
-    towards, up = np.array(towards, float), np.array(up, float)
-    t = (np.arange(SIZE) + 0.5) * 2 / SIZE - 1
-    d = towards + t[None, :, None] * np.cross(towards, up) - t[:, None, None] * up
-    return d / np.linalg.norm(d, axis=-1, keepdims=True)
-
-
 READ_HDR = """
 import * as THREE from "three";
 import { HDRLoader } from "hdr-loader";
@@ -146,7 +125,7 @@ def test_threejs_shows_the_world_as_it_is(sixlight, tmp_path, rgb, run):
     pictures = run(script, file=encoded(out), views=VIEWS)
     for pixels, view in zip(pictures, VIEWS, strict=True):
         # RGBE's steps of 1/128, and three.js's cube of half the map's height
-        np.testing.assert_allclose(picture(pixels), colours(seen_from_inside(*view)), atol=0.06)
+        np.testing.assert_allclose(picture(pixels), colours(directions(*view, SIZE)), atol=0.06)
 
 
 def test_a_mirror_ball_in_threejs_shows_what_it_faces(sixlight, tmp_path, rgb, run):
@@ -242,6 +221,6 @@ def test_threejs_shows_a_ktx2_cube_as_it_is(texture, run, level):
     t = np.abs((np.arange(SIZE) + 0.5) * 2 / SIZE - 1) > 1 - 1 / levels[level].shape[1]
     known = ~(t[:, None] & t[None, :])
     for pixels, view in zip(pictures, VIEWS, strict=True):
-        wanted = cube.sample(levels[level], seen_from_inside(*view))
+        wanted = cube.sample(levels[level], directions(*view, SIZE))
         # 8 bits of filter weights, and half floats
         np.testing.assert_allclose(picture(pixels)[known], wanted[known], atol=0.02)

@@ -13,12 +13,13 @@ import pytest
 
 from browser.conftest import DESKTOP, PHONE
 from calibration import adaptation
-from calibration.chromaticity import temperature
+from calibration.chromaticity import planckian_locus, temperature
 from calibration.display import SHOULDER
 from calibration.look import Look, shown
 from pipeline import cli, io, previews
 from pipeline.compositions import compose
 from pipeline.materials import Maker
+from pipeline.viewer.page import joined
 from stages import cube
 from stages.layouts import LATLONG
 from stages.light import light as prepare
@@ -275,6 +276,29 @@ def test_a_direction_of_the_map_reads_as_in_the_file(viewer, made, room, at):
     assert np.allclose(sigma / sigma[0], known / known[0], rtol=0.25)
     assert "All of this texel was measured" in page.inner_text("#reading")
     assert "(one standard deviation)" in page.inner_text("#reading")
+
+
+def test_temperatures_are_those_of_python(open_page, tmp_path):
+    """colour.js and calibration/chromaticity.py, also past the ends of the locus."""
+    places = np.random.default_rng(1).uniform([0.2, 0.2], [0.6, 0.5], (300, 2))
+    file = tmp_path / "page.html"
+    file.write_text(
+        '<!doctype html><meta charset="utf-8"><link rel="icon" href="data:,">'
+        f'<script type="module">{joined(("colour.js",))}\n'
+        "window.temperature = temperature;</script>"
+    )
+    page = open_page(file)
+    page.wait_for_function("window.temperature")
+    found = page.evaluate(
+        "([places, locus]) => places.map((xy) => temperature(xy, locus))",
+        [places.tolist(), planckian_locus().tolist()],
+    )
+    known = [temperature([x / y, 1.0, (1.0 - x - y) / y]) for x, y in places]
+    assert [t is None for t in found] == [t is None for t in known]
+    for told, t in zip(found, known, strict=True):
+        if t is not None:
+            assert told["kelvin"] == pytest.approx(t.kelvin, rel=3e-3)
+            assert told["duv"] == pytest.approx(t.duv, abs=1e-4)
 
 
 def test_what_was_not_measured_is_said_to_be_filled(viewer):
