@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from stages.dark import dark_current, subtract
+from stages.dark import Dark, dark_current, subtract
 from stages.merge import InMemory, Known, merge
 from tests.test_merge import BLACK, ELECTRONS, LEVELS, READ, TAGS, TIMES, expose, frame
 
@@ -35,6 +35,7 @@ def test_hot_pixels_and_glow_are_measured_to_their_noise():
     assert np.std(off[hot] / np.sqrt(found.variance[hot])) == pytest.approx(1, abs=0.15)
     # The others' is a mean of many: better than a pixel knows it, but for its rounded corner.
     assert np.abs(off[~hot]).mean() < 0.5 * sigma + 0.02 * 0.02
+    assert np.mean(found.variance[~hot] < sigma**2) > 0.98
 
 
 def test_a_bracket_comes_back_without_its_dark_current():
@@ -53,6 +54,17 @@ def test_a_bracket_comes_back_without_its_dark_current():
     # Left is the noise of the bracket, hot pixels' included.
     assert np.nanmean((cleared.mosaic - world) ** 2 / cleared.variance) == pytest.approx(1, abs=0.1)
     assert np.array_equal(cleared.valid, merged.valid)
+
+
+def test_the_error_of_the_dark_current_is_one_of_the_result():
+    rng = np.random.default_rng(7)
+    world = np.full(SIZE, 0.2)
+    given = [expose(world, t, t, rng, f_number=2.0) for t in (0.25, 1.0)]
+    dark = Dark(rng.normal(0, 0.01, SIZE), np.full(SIZE, 0.01**2))
+    known = Known({100.0: (1 / ELECTRONS, READ / ELECTRONS, 0.0)})
+    cleared = subtract(merge(InMemory(given), known), dark, f_number=2.0)
+    off2 = (cleared.mosaic - 4 * world) ** 2
+    assert np.mean(off2 / cleared.variance) == pytest.approx(1, abs=0.05)
 
 
 def test_time_sensitivity_and_aperture_scale_the_current():

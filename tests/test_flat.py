@@ -43,6 +43,14 @@ def test_vignetting_is_not_corrected():
     np.testing.assert_allclose(wide, 1, atol=1.5e-3)
 
 
+def test_light_that_is_uneven_as_no_polynomial_is_does_not_matter():
+    rng = np.random.default_rng(5)
+    waves = 0.02 * np.sin(np.arange(SIZE[1]) * 2 * np.pi / 110)
+    lit = unevenly_lit() * (1 + waves)
+    found = response(photographed(lit, PRNU * rng.normal(size=SIZE), rng, [1.0] * 8))
+    assert np.std(found.values.mean(axis=0)) < 0.4 * np.std(waves)
+
+
 def test_a_noisy_flat_does_no_harm():
     rng = np.random.default_rng(3)
     unequal = 0.002 * rng.normal(size=SIZE)

@@ -29,6 +29,7 @@ def good(tmp_path_factory):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")  # likewise
 @pytest.mark.parametrize("kind", fuzz.READERS)
 def test_mutated_files_do_no_harm(kind, good, tmp_path):
     assert fuzz.read(kind, _written(good[kind], tmp_path / f"good{Path(kind).suffix}")) is None

@@ -534,6 +534,28 @@ def test_noise_and_saturation_that_are_known_are_believed():
     assert result.clipped[-1] == pytest.approx(clipped)
 
 
+def test_each_iso_saturates_where_its_own_photographs_say():
+    rng = np.random.default_rng(28)
+    world, _ = steps_of_light()
+    frames, full = [], {100.0: 1.0, 400.0: 0.8}
+    for iso, at in full.items():
+        for time_s, tag in zip(TIMES[2:5], TAGS[2:5], strict=True):
+            one = expose(world * iso / 100, time_s, tag, rng, iso=iso)
+            frames.append(replace(one, samples=np.minimum(one.samples, int(BLACK + at * LEVELS))))
+    for one, clipped in zip(frames, merge(frames).clipped, strict=True):
+        seen = np.mean(one.samples >= BLACK + (full[one.iso] - 0.015) * LEVELS)
+        assert clipped == pytest.approx(seen, rel=1e-3)
+
+
+def test_photographs_that_are_white_throughout_are_not_the_same_one():
+    assert merge([frame(np.full((30, 40), 0.4 * t), t) for t in (0.5, 1.0, 4.0, 16.0)]).alike == (
+        0,
+        1,
+        2,
+        3,
+    )
+
+
 def test_a_file_given_twice_counts_once():
     world, _ = steps_of_light()
     frames = shoot(world, np.random.default_rng(1))
