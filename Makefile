@@ -22,6 +22,11 @@ else \
 fi
 endef
 
+# What `make lock` wrote: every file that pip fetches is held to its hash. Wheels alone, so that no
+# package's own build runs, for what that would fetch is locked nowhere; but for those in BUILD.
+PIP := $(BIN)/pip --quiet --disable-pip-version-check
+locked = $(PIP) install --require-hashes --only-binary :all: $(BUILD:%=--no-binary %) $(1:%=-r locks/%.txt)
+
 # Programs that read what sixlight writes, for the tests in a browser alone.
 NPM_PACKAGES := three@0.187.0 ktx-parse@2.0.0
 
@@ -42,11 +47,16 @@ help:  ## list the targets
 
 setup: $(STAMP)  ## virtual environment, the package, OpenGL
 
-$(STAMP): pyproject.toml constraints.txt
+$(STAMP): pyproject.toml locks/run.txt locks/dev.txt locks/simulate.txt
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev,simulate]"
+	$(call locked,run dev simulate)
+	$(PIP) install --no-deps --no-build-isolation -e .
 	@$(LIBRARIES_FOUND) || $(LIBRARIES_INSTALL)
 	@$(BIN)/python -m pipeline.compiling
+	@touch $@
+
+$(VENV)/.with-%: locks/%.txt | $(STAMP)
+	$(call locked,run $*)
 	@touch $@
 
 envmap: $(STAMP)  ## raw brackets to six-channel cubemaps: CAPTURE=dir [OUT=dir]
@@ -87,17 +97,13 @@ test: $(STAMP)  ## the tests
 test-slow: $(STAMP)  ## the tests that take long
 	@$(BIN)/python -m pytest -n auto --dist load -m slow --ignore tests/browser
 
-test-browser: $(STAMP)  ## the tests in a headless Chromium; screenshots in build/browser
+test-browser: $(STAMP) $(VENV)/.with-browser  ## the tests in a headless Chromium; screenshots in build/browser
 	@{ command -v chromium || command -v google-chrome; } > /dev/null || $(CHROMIUM_INSTALL)
-	@$(BIN)/python -c "import playwright" 2> /dev/null || \
-		$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[browser]"
 	@test -d build/browser/node_modules/three || ! command -v npm > /dev/null || \
 		npm install --silent --no-save --no-audit --no-fund --prefix build/browser $(NPM_PACKAGES)
 	@$(BIN)/python -m pytest tests/browser
 
-docs: $(STAMP)  ## the documentation as pages, in build/site; a broken link is an error
-	@$(BIN)/python -c "import mkdocs, mkdocstrings" 2> /dev/null || \
-		$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[docs]"
+docs: $(STAMP) $(VENV)/.with-docs  ## the documentation as pages, in build/site; a broken link is an error
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 	@echo build/site/index.html
 
@@ -106,7 +112,16 @@ lint: $(STAMP)  ## ruff and mypy
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 
+lock: $(STAMP) $(VENV)/.with-supply  ## dependencies locked anew, with hashes and licences: [UPGRADE=1]
+	@$(BIN)/python -m supply.lock $(if $(UPGRADE),--upgrade)
+
+sbom: $(STAMP)  ## a bill of materials of all that is locked, CycloneDX, in build/sbom.json
+	@$(BIN)/python -m supply.sbom
+
+audit: $(STAMP) $(VENV)/.with-supply  ## known vulnerabilities of all that is locked: [OSV=url]
+	@$(BIN)/python -m supply.audit $(if $(OSV),--osv "$(OSV)")
+
 clean:  ## remove results and caches, keep the environment
 	rm -rf build dist .mypy_cache .pytest_cache .ruff_cache
 
-.PHONY: help setup envmap batch fit preview view tables figures sample check-sample bench test test-slow test-browser docs lint clean
+.PHONY: help setup envmap batch fit preview view tables figures sample check-sample bench test test-slow test-browser docs lint lock sbom audit clean
