@@ -37,10 +37,9 @@ _BATCH = 200  # inputs a child reads before another takes its place
 def _raw(path: Path) -> None:
     from pipeline import io
 
-    with io.quiet_libraw():
-        shot = io.read_shot(path, time_s=0.1)
-        given = {"time_s": shot.time_s, "iso": shot.iso, "f_number": shot.f_number}
-        io.read_frame(path, **given)
+    shot = io.read_shot(path, time_s=0.1)
+    given = {"time_s": shot.time_s, "iso": shot.iso, "f_number": shot.f_number}
+    io.read_frame(path, **given)
 
 
 def _capture(path: Path) -> None:

@@ -15,12 +15,14 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, replace
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks import merge_peers
+from benchmarks import merge_peers, spent
 from benchmarks.figure import Figure
+from pipeline import decoding, raw
 from pipeline.bracket import Bracket, frames
 from pipeline.simulate.camera import Camera, Shutter, expose
 from pipeline.simulate.dng import Shot, write_dng
@@ -215,9 +217,36 @@ def _files() -> Iterator[Figure]:
         )
         yield Figure("develop + merge over unpacking, wall", wall, "times", high=1.25)
         yield Figure("develop + merge over unpacking, CPU", cpu, "times")
+        yield from _apart(brackets[0])
         peaks = [_peak_mb(brackets[0], count) for count in (3, 12)]
         for count, peak in zip((3, 12), peaks, strict=True):
             yield Figure(f"peak memory, {count} exposures of 18 MP", peak, "MB", high=1000)
+
+
+def _apart(bracket: Bracket) -> Iterator[Figure]:
+    """What it costs that files are decoded in processes of their own: a file, and once."""
+
+    def here(function, *given, **named):
+        return function(*given, **named)
+
+    decoding.stop()
+    _, cpu = _timed(lambda: decoding.run(raw.recognised, bracket.files[0]))
+    yield Figure("starting a process that decodes, CPU", cpu, "s")
+    files = bracket.files[::3]
+    took = np.empty((_ROUNDS, len(files), 2, 2))
+    with tempfile.TemporaryFile(dir=bracket.folder) as spool:
+        file = spool.fileno()
+        for i, j, k in np.ndindex(took.shape[:3]):  # one way, and then the other
+            run = (here, decoding.run)[k]
+            took[i, j, k] = _timed(partial(run, raw.decode, files[j], file=file))
+    # Other work on the machine makes nothing faster by the clock, and CPU scatter either way.
+    for i, what, typical in ((0, "wall", np.min), (1, "CPU", np.median)):
+        together, apart = typical(took[..., i], axis=0).sum(axis=0)
+        name = f"decoding in a process of its own, {what}"
+        yield Figure(name, apart / together, "times", high=1.05)
+
+
+_ROUNDS = 10
 
 
 def _photograph(folder: Path, *, filters: int, exposures: int) -> list[Bracket]:
@@ -261,9 +290,10 @@ def _unpack(bracket: Bracket) -> None:
 
 
 def _timed(function) -> tuple[float, float]:
-    wall, cpu = time.perf_counter(), time.process_time()
+    """Seconds by the clock, and of processors, those of processes that decode included."""
+    wall, cpu = time.perf_counter(), spent.cpu_s()
     function()
-    return time.perf_counter() - wall, time.process_time() - cpu
+    return time.perf_counter() - wall, spent.cpu_s() - cpu
 
 
 def _region() -> Iterator[Figure]:
@@ -326,7 +356,7 @@ def _found(bracket: Bracket) -> Found:
 
 
 def _peak_mb(bracket: Bracket, exposures: int) -> float:
-    """Largest resident memory of a process that merges so many of the bracket's files."""
+    """Largest resident memory of a process that merges so many files, and of those that decode."""
     order = [i % len(bracket.files) for i in range(exposures)]
     arguments = [f"{bracket.files[i]}={bracket.exposures[i]['time_s']!r}" for i in order]
     ran = subprocess.run(
@@ -342,9 +372,7 @@ def _merge_and_tell_memory(folder: str, *arguments: str) -> None:
     pairs = [argument.rsplit("=", 1) for argument in arguments]
     given = [{"time_s": float(time_s), "iso": 100.0, "f_number": 16.0} for _, time_s in pairs]
     merge(Bracket([Path(path) for path, _ in pairs], given, Path(folder)))
-    # Not getrusage's, which begins at what the parent process had.
-    status = Path("/proc/self/status").read_text(encoding="utf-8")
-    print(float(status.split("VmHWM:")[1].split()[0]) / 1e3)
+    print(spent.peak_mb())
 
 
 if __name__ == "__main__":

@@ -13,10 +13,8 @@ places.
 from __future__ import annotations
 
 import os
-import resource
 import shutil
 import subprocess
-import time
 import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -28,6 +26,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks import spent
 from benchmarks.figure import Figure
 from pipeline.bracket import Bracket
 from pipeline.simulate.camera import Camera
@@ -172,16 +171,11 @@ def _relative_error(values, world) -> NDArray[np.float64]:
 
 def _cpu(run: Run) -> tuple[NDArray, float]:
     """What it gives, and CPU seconds of all its threads and of programs it ran."""
-
-    def spent() -> float:
-        children = resource.getrusage(resource.RUSAGE_CHILDREN)
-        return time.process_time() + children.ru_utime + children.ru_stime
-
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # peers' own, of values that are no colours
-        before = spent()
+        before = spent.cpu_s()
         values = run()
-        return values, spent() - before
+        return values, spent.cpu_s() - before
 
 
 # ------------------------------------------------------------------------------- from arrays

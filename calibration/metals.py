@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration import sets
 from calibration.errors import InputError, fault
 from calibration.primaries import Primaries
-from calibration.spectra import Spectra, read_spectra
+from calibration.spectra import WAVELENGTHS, Spectra, read_spectra
 
 MATERIALS = {
     "stainless steel": "Karlsson and Ribbing 1982, austenitic (like 316)",
@@ -62,6 +63,43 @@ def optical_constants(material: str | Path) -> NDArray[np.complex128]:
     return _from_file(Path(material))
 
 
+def of_sphere(material: str | Path, known: Path | float | None, angle_rad) -> NDArray[np.float64]:
+    """Reflectance (K, 36) by angle of a sphere of a metal, by what else is known of it.
+
+    material   as in `reflectance`
+    known      near normal: CSV of a measured curve, or a luminous reflectance; None: it is bare
+    angle_rad  (K,) angle of incidence, rad
+    raises     InputError where the curve is none of a mirror
+    """
+    if known is None:
+        return reflectance(material, angle_rad)
+    curve = dimmed(material, known) if isinstance(known, float) else near_normal(known)
+    return measured(curve, material, angle_rad)
+
+
+def dimmed(material: str | Path, luminous: float) -> NDArray[np.float64]:
+    """Near-normal reflectance (36,) of a metal that a worn or coated surface makes darker.
+
+    What the bare metal absorbs is taken to be as much more at every wavelength as it takes.
+
+    material  as in `reflectance`
+    luminous  reflectance near normal, in (0, 1], weighted by the eye's sensitivity: of a patch of
+              the sphere, say, in which a white of known luminance is seen
+    raises    InputError where the metal would reflect less than nothing at some wavelength
+    """
+    eye = sets.observer()[:, 1]
+    absorbed = 1.0 - reflectance(material, [0.0])[0]
+    curve = 1.0 - (1.0 - luminous) / (1.0 - (1.0 - absorbed) @ eye / eye.sum()) * absorbed
+    if curve.min() <= 0.0:
+        raise fault(
+            f"a reflectance of {luminous:g}, with which {material} would reflect"
+            f" {curve.min():.2g} at {WAVELENGTHS[np.argmin(curve)]:g} nm",
+            "a sphere of that metal",
+            "correct the number or the material, or give a measured curve",
+        )
+    return np.asarray(curve)
+
+
 def near_normal(path: str | Path) -> NDArray[np.float64]:
     """A measured near-normal reflectance (36,) from a CSV of wavelength_nm,reflectance."""
     spectra = read_spectra(path, kind="fraction")
@@ -102,18 +140,14 @@ def measured(curve, material: str | Path, angle_rad) -> NDArray[np.float64]:
 
 
 def in_primaries(
-    primaries: Primaries, angle_rad, *, material: str | Path = DEFAULT, curve=None
+    primaries: Primaries,
+    angle_rad,
+    *,
+    material: str | Path = DEFAULT,
+    known: Path | float | None = None,
 ) -> NDArray[np.float64]:
-    """The sphere's reflectance (K, P) by angle in rendering primaries.
-
-    angle_rad  (K,) angle of incidence, rad
-    material   as in `reflectance`
-    curve      (36,) measured near-normal reflectance on WAVELENGTHS; None: the bare metal's
-    """
-    by_wavelength = (
-        reflectance(material, angle_rad) if curve is None else measured(curve, material, angle_rad)
-    )
-    return primaries.project(by_wavelength)
+    """A sphere's reflectance (K, P) by angle in rendering primaries; the rest as in `of_sphere`."""
+    return primaries.project(of_sphere(material, known, angle_rad))
 
 
 @functools.cache

@@ -5,18 +5,16 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import io
+from pipeline import decoding, io
 from pipeline.errors import fault, storing
-from stages.bracket import workers
 from stages.region import Region
 from stages.types import Frame
 
@@ -45,33 +43,31 @@ class Bracket:
 
     @contextmanager
     def decoded(self, look: Callable[[Frame], T]) -> Iterator[Decoded[T]]:
-        """Decodes each file once, in threads, as LibRaw lets others run meanwhile.
+        """Decodes each file once, several side by side.
 
         InputError where one is damaged, or is not like the first.
         """
         place = self.folder or tempfile.gettempdir()
+        part = None if self.region is None else self.region.of_frame
         with storing(place), tempfile.TemporaryFile(dir=place) as spool:
 
             def one(i: int) -> tuple[T, tuple[int, ...], str]:
-                with io.opened_frame(self.files[i], **self.exposures[i]) as whole:
-                    frame = whole if self.region is None else self.region.part_of(whole)
-                    samples = np.ascontiguousarray(frame.samples)
-                    _write(spool.fileno(), samples, i * samples.nbytes)
-                    cfa = "".join("RGB"[c] for c in frame.cfa.ravel())
-                    return look(replace(frame, samples=samples)), whole.samples.shape, cfa
+                frame, size = io.decode_into(
+                    spool.fileno(), i, self.files[i], part=part, **self.exposures[i]
+                )
+                return look(frame), size, "".join("RGB"[c] for c in frame.cfa.ravel())
 
-            with io.quiet_libraw(), ThreadPoolExecutor(workers()) as pool:
-                seen, shapes, cfas = zip(*pool.map(one, range(len(self.files))), strict=True)
+            seen, sizes, cfas = zip(*decoding.each(one, range(len(self.files))), strict=True)
             # Headers were compared when the capture was loaded; now it is the samples themselves.
-            for i, found in enumerate(zip(shapes, cfas, strict=True)):
-                if found != (shapes[0], cfas[0]):
+            for i, found in enumerate(zip(sizes, cfas, strict=True)):
+                if found != (sizes[0], cfas[0]):
                     raise fault(
-                        f"{shapes[i][1]} x {shapes[i][0]} samples in the pattern {cfas[i]}",
-                        f"{shapes[0][1]} x {shapes[0][0]} of {cfas[0]} as in {self.files[0].name}",
+                        f"{sizes[i][1]} x {sizes[i][0]} samples in the pattern {cfas[i]}",
+                        f"{sizes[0][1]} x {sizes[0][0]} of {cfas[0]} as in {self.files[0].name}",
                         "keep photographs of one camera and setting only",
                         self.files[i],
                     )
-            shape = shapes[0] if self.region is None else self.region.shape
+            shape = sizes[0] if self.region is None else self.region.shape
             yield Decoded(seen, spool.fileno(), shape)
 
 
@@ -80,8 +76,7 @@ def frames(
 ) -> Generator[Frame, None, None]:
     """The photographs one by one, each gone when the next is asked for."""
     for path, given in zip(files, exposures, strict=True):
-        with io.opened_frame(path, **given) as frame:
-            yield frame
+        yield io.read_frame(path, **given)
 
 
 @dataclass(frozen=True)
@@ -101,15 +96,8 @@ class Decoded(Generic[T]):
 
 
 def exposure(shot: io.Shot) -> dict[str, float]:
-    """What a raw file's samples must be divided by, as `io.opened_frame` takes it."""
+    """What a raw file's samples must be divided by, as `io.read_frame` takes it."""
     return {"time_s": shot.time_s, "iso": shot.iso, "f_number": shot.f_number}
-
-
-def _write(file: int, array: NDArray, offset: int) -> None:
-    data = array.data.cast("B")
-    while data:
-        written = os.pwrite(file, data, offset)
-        data, offset = data[written:], offset + written
 
 
 def _read(file: int, array: NDArray, offset: int) -> None:

@@ -32,14 +32,14 @@ class SphereSpec:
 
     radius_mm, distance_mm   the latter None where focal_px is to give it
     material                 a name of calibration.metals, or a CSV of n and k
-    reflectance              CSV of a measured near-normal curve, or None
+    reflectance              near normal: CSV of a measured curve, or a luminous one; or None
     outline                  x, y, radius in px, or None to find it
     """
 
     radius_mm: float
     distance_mm: float | None
     material: str | Path
-    reflectance: Path | None
+    reflectance: Path | float | None
     outline: tuple[float, float, float] | None
 
 
@@ -255,7 +255,6 @@ def load(folder: Path) -> Capture:
     capture.seen.update(seen | finished.see(capture.curves))
     if not problems:  # M_S is matched to the bands, so the photographs must be right first
         _collect(problems, lambda: capture.transform)
-    _collect(problems, lambda: _check_metal(sphere))
     if problems:
         raise InputError(list(dict.fromkeys(problems)))
     return capture
@@ -416,7 +415,7 @@ def _sphere(table: Table, focal_px, shots, problems, notes) -> SphereSpec:
     radius = table.number("radius_mm", "mm", low=0.1, high=1e5)
     distance = table.number("distance_mm", "mm", low=1, high=1e6)
     outline = table.numbers("outline", "px: x, y, radius", 3)
-    reflectance = table.path("reflectance")
+    reflectance = _reflectance(table)
     text = table.text("material", _DEFAULT_MATERIAL) or _DEFAULT_MATERIAL
     material: str | Path = text
     if text.lower().endswith(".csv"):
@@ -446,6 +445,10 @@ def _sphere(table: Table, focal_px, shots, problems, notes) -> SphereSpec:
     if outline is not None:
         _check_outline(table, outline, shots)
     place = (outline[0], outline[1], outline[2]) if outline else None
+    try:
+        metals.of_sphere(material, reflectance, [0.0])
+    except InputError as error:  # of a CSV, which it names, or of the number
+        problems.extend(error.at(table.file_of("reflectance")).problems)
     return SphereSpec(radius or 50.0, distance, material, reflectance, place)
 
 
@@ -505,8 +508,9 @@ def _calibration(table: Table) -> Calibration:
     return calibration
 
 
-def _check_metal(sphere: SphereSpec) -> None:
-    if isinstance(sphere.material, Path):
-        metals.optical_constants(sphere.material)
-    if sphere.reflectance is not None:
-        metals.near_normal(sphere.reflectance)
+def _reflectance(table: Table) -> Path | float | None:
+    if isinstance(table.content.get("reflectance"), str):
+        return table.path("reflectance")
+    return table.number(
+        "reflectance", "shares of the light, or the name of a CSV", low=0.01, high=1
+    )

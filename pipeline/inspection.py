@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from concurrent.futures import ThreadPoolExecutor
 from io import StringIO
 from operator import attrgetter
 from pathlib import Path
@@ -12,10 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pipeline import capture as captures
-from pipeline import io
+from pipeline import decoding, io
 from pipeline.bracket import exposure
 from pipeline.report import shutter
-from stages.bracket import workers
 from stages.develop import develop
 
 if TYPE_CHECKING:
@@ -32,8 +30,7 @@ def inspect(folder: Path) -> dict[str, Any]:
     filters = []
     advice = []
     for f in loaded.filters:
-        with io.quiet_libraw(), ThreadPoolExecutor(workers()) as pool:
-            exposures = list(pool.map(_exposure, sorted(f.shots, key=attrgetter("light"))))
+        exposures = decoding.each(_exposure, sorted(f.shots, key=attrgetter("light")))
         filters.append({"name": f.name, "exposures": exposures})
         advice += _advice(f.name, exposures)
     first = loaded.shots[0]
@@ -51,8 +48,7 @@ def inspect(folder: Path) -> dict[str, Any]:
 
 def _exposure(shot: io.Shot) -> dict[str, Any]:
     given = exposure(shot)
-    with io.opened_frame(shot.path, **given) as frame:
-        developed = develop(frame)
+    developed = develop(io.read_frame(shot.path, **given))
     return {
         "file": shot.path.name,
         **given,

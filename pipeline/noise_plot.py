@@ -39,8 +39,8 @@ def draw(capture: Capture, path: Path) -> list[dict[str, Any]]:
     for filter_ in capture.filters:
         radiance = merge(Bracket.of(filter_.shots), capture.known)
         first = filter_.shots[0]
-        with io.opened_frame(first.path, **exposure(first)) as frame:
-            levels = float(np.mean(frame.saturation_level - frame.black_level))
+        frame = io.read_frame(first.path, **exposure(first))
+        levels = float(np.mean(frame.saturation_level - frame.black_level))
         isos = sorted({shot.iso for shot in filter_.shots})
         shot_at = [next(k for k, s in enumerate(filter_.shots) if s.iso == iso) for iso in isos]
         noise = radiance.noise[shot_at]

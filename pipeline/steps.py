@@ -155,7 +155,7 @@ def _find_given(capture: Capture, settings: Settings, index: int):
 
 def _find(read, write, *, look_at, **given) -> Learnt:
     photographs = frames([read[i] for i in look_at], list(look_at.values()))
-    with io.quiet_libraw(), closing(photographs):
+    with closing(photographs):
         found = find(photographs, **given)
     _write_fields(write[0], found.region)
     return {"rim": found.rim, "photographs": found.tried, "share": found.region.share}
@@ -237,11 +237,7 @@ def _demosaic(read, write, *, index, mask) -> Learnt:
 def _sphere_given(capture: Capture, settings: Settings, index: int):
     sphere = capture.sphere
     angles = np.pi / 2 * (1.0 - np.linspace(1.0, 0.0, 181) ** 3)  # densest where the rim is
-    by_wavelength = (
-        metals.reflectance(sphere.material, angles)
-        if sphere.reflectance is None
-        else metals.measured(metals.near_normal(sphere.reflectance), sphere.material, angles)
-    )
+    by_wavelength = metals.of_sphere(sphere.material, sphere.reflectance, angles)
     return {
         "reflectance": (angles.tolist(), by_wavelength.mean(axis=1).tolist()),
         "radius_mm": sphere.radius_mm,
@@ -444,14 +440,11 @@ def _transform(read, write, *, matrix, header) -> Learnt:
 
 def _normalise_given(capture: Capture, settings: Settings, index: int):
     angles = np.linspace(0.0, np.pi / 2, 361)
-    measured = capture.sphere.reflectance
+    sphere = capture.sphere
     assert capture.primaries is not None
     assert capture.transform is not None
     table = metals.in_primaries(
-        capture.primaries,
-        angles,
-        material=capture.sphere.material,
-        curve=None if measured is None else metals.near_normal(measured),
+        capture.primaries, angles, material=sphere.material, known=sphere.reflectance
     )
     return {
         "angles_rad": angles.tolist(),

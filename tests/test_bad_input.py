@@ -311,6 +311,16 @@ def test_filters_and_camera_in_capture_toml(refused, small, added, line):
 
 
 @pytest.mark.parametrize(
+    ("given", "says"),
+    [("0.05", "of 0.05, with which stainless steel would"), ("true", "sphere.reflectance is True")],
+)
+def test_a_reflectance_that_the_sphere_cannot_have(refused, small, given, says):
+    path = small / "capture.toml"
+    path.write_text(path.read_text().replace("[sphere]", f"[sphere]\nreflectance = {given}"))
+    refused(f"{path}: ", says)
+
+
+@pytest.mark.parametrize(
     ("room", "said"),
     [
         (

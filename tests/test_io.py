@@ -7,7 +7,7 @@ import plain_dng
 import pytest
 
 from calibration.errors import InputError
-from pipeline import io
+from pipeline import decoding, io, raw
 
 ORDERS = ("RGGB", "BGGR", "GRBG", "GBRG")
 BLACKS = (100, 200, 300, 400)
@@ -39,14 +39,14 @@ def write_masked(path, cfa: str, top: int, left: int, size=(60, 80)):
 def test_colours_and_black_levels_fit_the_samples_whatever_the_margins(tmp_path, cfa, margin):
     path = tmp_path / "masked.dng"
     write_masked(path, cfa, *margin)
-    with io.opened_frame(path, **AS_SHOT) as frame:
-        height, width = frame.samples.shape
-        assert height in (58 - margin[0], 58 - margin[0] - 1)  # odd ones may be left out
-        assert width in (76 - margin[1], 76 - margin[1] - 1)
-        for y in (0, 1):
-            for x in (0, 1):
-                signal = frame.samples[y::2, x::2] - frame.black_level[y, x]
-                assert (signal == LIGHT["RGB"[frame.cfa[y, x]]]).all()
+    frame = io.read_frame(path, **AS_SHOT)
+    height, width = frame.samples.shape
+    assert height in (58 - margin[0], 58 - margin[0] - 1)  # odd ones may be left out
+    assert width in (76 - margin[1], 76 - margin[1] - 1)
+    for y in (0, 1):
+        for x in (0, 1):
+            signal = frame.samples[y::2, x::2] - frame.black_level[y, x]
+            assert (signal == LIGHT["RGB"[frame.cfa[y, x]]]).all()
 
 
 @pytest.mark.parametrize(("top", "left"), [(51, 142), (52, 161), (51, 161), (52, 142)])
@@ -54,20 +54,20 @@ def test_the_pattern_begins_at_the_first_visible_pixel(top, left):
     """rawpy's begins at the first of all; some cameras mask an odd number of rows."""
     visible = np.array([[0, 1], [3, 2]])
     of_all = visible[np.ix_([-top % 2, (1 - top) % 2], [-left % 2, (1 - left) % 2])]
-    raw = SimpleNamespace(
+    opened = SimpleNamespace(
         raw_pattern=of_all, sizes=SimpleNamespace(top_margin=top, left_margin=left)
     )
-    np.testing.assert_array_equal(io._visible_pattern(raw), visible)
+    np.testing.assert_array_equal(raw._visible_pattern(opened), visible)
 
 
 def test_x_trans_is_refused_with_a_sentence(tmp_path):
-    raw = SimpleNamespace(
+    opened = SimpleNamespace(
         raw_pattern=np.ones((6, 6), int),
         raw_type=SimpleNamespace(name="Flat"),
         sizes=SimpleNamespace(top_margin=0, left_margin=0),
     )
     with pytest.raises(InputError, match=r"6 x 6 colour filter array \(X-Trans\?\)"):
-        io._cfa(raw, tmp_path / "x.raf")
+        raw._cfa(opened, tmp_path / "x.raf")
 
 
 def write(path, **tags):
@@ -79,12 +79,13 @@ def write(path, **tags):
 
 @pytest.fixture
 def decoded(monkeypatch):
-    """The files whose samples were decoded."""
+    """The files whose samples were decoded; in this process, where that can be seen."""
     files = []
-    unpack = io._unpack
+    unpack = raw._unpack
     monkeypatch.setattr(
-        io, "_unpack", lambda raw, path: (files.append(path.name), unpack(raw, path))
+        raw, "_unpack", lambda opened, path: (files.append(path.name), unpack(opened, path))
     )
+    monkeypatch.setattr(decoding, "run", decoding._here)
     return files
 
 
@@ -126,14 +127,3 @@ def test_where_the_first_is_damaged_the_next_is_what_others_are_like(tmp_path, d
     assert [shot.path.name for shot in shots] == ["1.dng", "2.dng", "3.dng"]
     assert len(problems) == 1
     assert decoded == ["1.dng"]
-
-
-def test_libraw_is_kept_quiet_and_python_is_not(capfd):
-    import os
-    import sys
-
-    with io.quiet_libraw():
-        os.write(2, b"from a library in C\n")
-        print("from Python", file=sys.stderr)
-    print("and after", file=sys.stderr)
-    assert capfd.readouterr().err.splitlines() == ["from Python", "and after"]

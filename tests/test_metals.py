@@ -1,5 +1,6 @@
 from ctypes.util import find_library
 
+import colour
 import numpy as np
 import pytest
 
@@ -135,8 +136,23 @@ def test_a_faulty_near_normal_curve_is_refused(tmp_path, values, name, says):
         metals.near_normal(near_normal(tmp_path, values, name))
 
 
-def test_in_primaries_a_grey_mirror_is_its_reflectance_in_every_channel():
-    table = metals.in_primaries(load(), [0.0], curve=np.full(36, 0.62))
+def test_a_luminous_reflectance_sets_the_scale_of_a_metal():
+    bare = metals.reflectance("stainless steel", ANGLES)
+    white = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
+    eye = np.interp(WAVELENGTHS, white.wavelengths, white.values[:, 1])
+    for luminous in (0.5, float(bare[0] @ eye / eye.sum())):
+        table = metals.of_sphere("stainless steel", luminous, ANGLES)
+        assert table[0] @ eye / eye.sum() == pytest.approx(luminous, abs=2e-4)
+    np.testing.assert_allclose(table, bare, atol=2e-4)  # the bare metal's own
+
+
+def test_a_luminous_reflectance_that_no_such_metal_has_is_refused():
+    with pytest.raises(InputError, match=r"of 0\.05, with which chromium .* nm"):
+        metals.of_sphere("chromium", 0.05, [0.0])
+
+
+def test_in_primaries_a_grey_mirror_is_its_reflectance_in_every_channel(tmp_path):
+    table = metals.in_primaries(load(), [0.0], known=near_normal(tmp_path, [0.62, 0.62]))
     np.testing.assert_allclose(table, 0.62, atol=1e-7)
 
 

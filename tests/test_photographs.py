@@ -7,7 +7,7 @@ import plain_dng
 import pytest
 import small_capture
 
-from pipeline import capture, io
+from pipeline import capture, raw
 
 QUICK = {"black_level": small_capture.BLACK, "saturation_level": small_capture.SATURATION}
 
@@ -23,8 +23,8 @@ def retag(path, **tags):
     """The same photograph again, with other tags."""
     import rawpy
 
-    with rawpy.imread(str(path)) as raw:
-        samples = raw.raw_image_visible.copy()
+    with rawpy.imread(str(path)) as opened:
+        samples = opened.raw_image_visible.copy()
     write(path, samples, **tags)
 
 
@@ -95,7 +95,7 @@ def test_the_focus_is_read_from_makers_notes(tmp_path, make, note, focus_m):
     main, exif, _ = built(exif_at, exif_at + 2 + 12 + 4, len(made))
     file = tmp_path / "photograph.tif"
     file.write_bytes(head + main + exif)
-    assert io._focus_m(io._tags(file)) == (None if focus_m is None else pytest.approx(focus_m))
+    assert raw._focus_m(raw._tags(file)) == (None if focus_m is None else pytest.approx(focus_m))
 
 
 def test_dark_and_flat_frames_are_found(small):
