@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 import sys
 import tempfile
@@ -11,8 +12,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from benchmarks.figure import Figure
-from pipeline import batch, finished
+from pipeline import batch, child, finished
 from pipeline.settings import Settings
+from pipeline.shoot import Job, needs_on_disk, plan
 
 ROOM = Path("sample_captures/room")
 _FINISHED = 40
@@ -39,14 +41,15 @@ def _measured(place: Path) -> Iterator[Figure]:
     yield Figure("efficiency of two at once, of twice as fast", one_s / two_s / 2, "", low=0.85)
 
     taken = {"small": max(o.peak_bytes for o in outcomes)}
-    reckoned = {"small": batch.estimate(shoot / "c00", _SETTINGS)}
+    reckoned = {"small": needs_on_disk(shoot / "c00", _SETTINGS).memory_bytes}
     faces = Settings(face_size=512, preview_width=192)
     for name, capture, settings in (("512", small, faces), ("room", ROOM, _SETTINGS)):
-        run = batch.Run(capture, place / name, settings, False, 3600)
+        run = child.Run(capture, place / name, settings, False, 3600)
         while (outcome := run.poll()) is None:
             time.sleep(0.05)
-        assert outcome.state == batch.DONE, outcome.error
-        taken[name], reckoned[name] = outcome.peak_bytes, batch.estimate(capture, settings)
+        assert outcome.state == child.DONE, outcome.error
+        taken[name] = outcome.peak_bytes
+        reckoned[name] = needs_on_disk(capture, settings).memory_bytes
     about = {"small": "a small capture", "512": "the same, faces of 512", "room": "the bundled one"}
     for name, words in about.items():
         yield Figure(f"memory of {words}", taken[name] / 1e6, "MB")
@@ -63,9 +66,9 @@ def _measured(place: Path) -> Iterator[Figure]:
             shoot / "c00", place / "one" / "c00", many / "shoot" / f"c{i:02}", many / f"c{i:02}"
         )
     began = time.monotonic()
-    jobs = batch.plan([many / "shoot"], many, _SETTINGS)
+    jobs = plan([many / "shoot"], many, _SETTINGS)
     states = [o.state for o in _outcomes(jobs, 1)]
-    assert states == [batch.CURRENT] * _FINISHED, states
+    assert states == [child.CURRENT] * _FINISHED, states
     yield Figure(
         f"a second run over {_FINISHED} finished captures", time.monotonic() - began, "s", high=5.0
     )
@@ -79,16 +82,16 @@ def _small(folder: Path) -> Path:
     return small_capture.make(folder)
 
 
-def _run(shoot: Path, out: Path, at_once: int) -> tuple[float, list[batch.Outcome]]:
+def _run(shoot: Path, out: Path, at_once: int) -> tuple[float, list[child.Outcome]]:
     began = time.monotonic()
-    outcomes = _outcomes(batch.plan([shoot], out, _SETTINGS), at_once)
-    assert {o.state for o in outcomes} == {batch.DONE}, outcomes
+    outcomes = _outcomes(plan([shoot], out, _SETTINGS), at_once)
+    assert {o.state for o in outcomes} == {child.DONE}, outcomes
     return time.monotonic() - began, outcomes
 
 
-def _outcomes(jobs: Sequence[batch.Job], at_once: int) -> list[batch.Outcome]:
-    limits = batch.Limits(at_once, batch.available_memory(), 3600)
-    return list(batch.run(jobs, _SETTINGS, limits, quiet=True).values())
+def _outcomes(jobs: Sequence[Job], at_once: int) -> list[child.Outcome]:
+    limits = batch.Limits(at_once, batch.available_memory(), 3600, math.inf)
+    return list(batch.run(jobs, batch.Orders(_SETTINGS, limits), quiet=True).values())
 
 
 def _copied(capture: Path, out: Path, to_capture: Path, to_out: Path) -> None:

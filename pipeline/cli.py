@@ -102,9 +102,9 @@ def _root(
 
 @app.command()
 def envmap(
-    capture: Annotated[Path, typer.Argument(help="Folder of the capture.")],
+    capture: Annotated[str, typer.Argument(help="Folder of the capture, or its URL.")],
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Output folder [build/CAPTURE].")
+        str | None, typer.Option("-o", "--out", help="Output folder or URL [build/CAPTURE].")
     ] = None,
     face_size: Annotated[
         int, typer.Option(min=0, max=8192, help="Texels along a cube face; 0: as the sphere is.")
@@ -124,34 +124,37 @@ def envmap(
     Example: sixlight envmap sample_captures/room -o build/room
     """
     from pipeline import capture as captures
-    from pipeline import runner
+    from pipeline import remote, runner, shoot, storage
     from pipeline.settings import Settings
 
     settings = Settings(face_size, preview_width, preview_samples)
-    loaded = captures.load(capture)
-    for note in loaded.notes:
-        _say(f"note: {note}", quiet)
-    if loaded.transform is None:
-        _say("note: no calibration: the camera's own bands are written, not the primaries", quiet)
-    out = out or Path("build") / capture.resolve().name
-    result = runner.run(loaded, out, settings, force=force, quiet=quiet)
-    for note in result["notes"][len(loaded.notes) :]:  # what the steps found
-        _say(f"note: {note}", quiet)
+    given = storage.place(capture)
+    place = storage.place(out) if out else Path("build") / shoot.name_of(given)
+    with remote.here(given, place, settings, force=force) as (folder, results):
+        loaded = captures.load(folder)
+        for note in loaded.notes:
+            _say(f"note: {note}", quiet)
+        if loaded.transform is None:
+            what = "the camera's own bands are written, not the primaries"
+            _say(f"note: no calibration: {what}", quiet)
+        result = runner.run(loaded, results, settings, force=force, quiet=quiet)
+        for note in result["notes"][len(loaded.notes) :]:  # what the steps found
+            _say(f"note: {note}", quiet)
     if json:
         print(jsonlib.dumps(result, indent=2))
     else:
         for step in result["steps"].values():
             for name in step["made"]:
                 if not name.startswith("work/"):
-                    print(out / name)
-        print(out / "report.html")
+                    print(place / name)
+        print(place / "report.html")
 
 
 @app.command()
 def batch(
-    folders: Annotated[list[Path], typer.Argument(help="Folders with captures in them.")],
+    folders: Annotated[list[str], typer.Argument(help="Folders or URLs with captures below.")],
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Output folder [build/NAME of each].")
+        str | None, typer.Option("-o", "--out", help="Output folder or URL [build/NAME of each].")
     ] = None,
     jobs: Annotated[
         int | None, typer.Option(min=1, max=1024, help="Captures at once [half the processors].")
@@ -179,30 +182,34 @@ def batch(
     Example: sixlight batch week47 -o build/week47 --jobs 4
 
     Example: sixlight batch week47 --scheduler tcp://head:8786
+
+    Example: sixlight batch s3://bucket/week47 -o s3://bucket/maps
     """
+    from functools import partial
+
     from pipeline import batch as batches
+    from pipeline import shoot, storage
     from pipeline.settings import Settings
 
     settings = Settings(face_size, preview_width, preview_samples)
     limits = batches.limits_of(jobs, memory, time_limit)
-    planned = batches.plan(folders, out, settings)
+    places = [storage.place(folder) for folder in folders]
+    results = storage.place(out) if out else None
+    planned = shoot.plan(places, results, settings)
     if dry_run:
         print(batches.plan_as_text(planned, limits))
         return
-    if scheduler is None:
-        outcomes = batches.run(
-            planned, settings, limits, keep_going=keep_going, force=force, quiet=quiet
-        )
-    else:
+    by = batches.here
+    if scheduler is not None:
         from pipeline import cluster
 
-        outcomes = cluster.run(
-            scheduler, planned, settings, limits, keep_going=keep_going, force=force, quiet=quiet
-        )
-    place = batches.place_of_summary(folders, out)
+        by = partial(cluster.run, scheduler)
+    orders = batches.Orders(settings, limits, keep_going, force)
+    outcomes = batches.run(planned, orders, by=by, quiet=quiet)
+    place = batches.place_of_summary(places, results)
     told = batches.summary(outcomes, limits, place)
-    batches.save(told, place)
     print(jsonlib.dumps(told, indent=2) if json else batches.as_text(outcomes))
+    batches.save(told, place)
     raise typer.Exit(batches.status(outcomes.values()))
 
 

@@ -1,9 +1,10 @@
 """`sixlight batch --scheduler`: hands captures to the workers of a Dask cluster that is there.
 
-Captures and results go by path: folders that all workers see under the same name. A worker runs a
-capture as a local batch does, in a process of its own; the stages of a capture stay together. One
-that dies takes that process with it, and the scheduler gives the capture to another. Results land
-once: whoever writes holds the output folder's lock, and files are moved into place.
+Captures and results go by path, folders that all workers see under the same name, or by URL. A
+worker runs a capture as a local batch does, in a process of its own; the stages of a capture stay
+together. One that dies takes that process with it, and the scheduler gives the capture to another.
+Results land once: whoever writes holds the output folder's lock, and files are moved into place; by
+URL see `remote`.
 """
 
 from __future__ import annotations
@@ -12,31 +13,23 @@ import time
 import uuid
 from collections.abc import Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
-from pipeline import batch, finished
-from pipeline.batch import CURRENT, FAILED, OURS, Job, Limits, Outcome
+from pipeline import child, finished
+from pipeline.batch import Ended, Orders, Running
+from pipeline.child import FAILED, OURS, Outcome, Run
 from pipeline.errors import fault
-from pipeline.progress import Captures
 from pipeline.settings import Settings
+from pipeline.shoot import Job
+from pipeline.storage import address, place
 
 _ANSWER_S = 10.0  # that a scheduler is given to answer
 _LOOK_S = 0.5  # between two looks at a process, and at whether all is to stop
 _BUSY_S = 60.0  # that a worker which is gone is given to let go of an output folder
 
 
-def run(
-    address: str,
-    jobs: Sequence[Job],
-    settings: Settings,
-    limits: Limits,
-    *,
-    keep_going: bool = True,
-    force: bool = False,
-    quiet: bool = False,
-) -> dict[Job, Outcome]:
-    """As `batch.run`, on the cluster whose scheduler is at `address`: tcp://HOST:8786.
+def run(scheduler: str, jobs: Sequence[Job], orders: Orders, running: Running) -> Ended:
+    """A `batch.Runner`, bound to the cluster whose scheduler is at an address: tcp://HOST:8786.
 
     How many run at once is the workers' business: one a thread of theirs.
     """
@@ -46,40 +39,38 @@ def run(
         raise fault(
             "Dask is not installed", "", "run pip install 'sixlight[cluster]'", "--scheduler"
         ) from error
-    outcomes = {job: Outcome() for job in jobs}
     name = f"sixlight-{uuid.uuid4().hex}"
     try:
-        client = Client(address, timeout=_ANSWER_S, set_as_default=False)
+        client = Client(scheduler, timeout=_ANSWER_S, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         raise fault(
-            "no scheduler answers there", "tcp://HOST:8786", "check that it runs", address
+            "no scheduler answers there", "tcp://HOST:8786", "check that it runs", scheduler
         ) from error
-    with client, Captures(len(jobs), quiet=quiet) as display:
+    with client:
         stop = Event(name, client=client)
         futures = {}
         for number, job in enumerate(jobs):
-            given = job.folder.resolve(), job.out.resolve(), asdict(settings)
             futures[
                 client.submit(
                     on_worker,
-                    *(*map(str, given[:2]), given[2], force, limits.seconds),
-                    *(finished.code(), name),
+                    *(address(job.folder), address(job.out), asdict(orders.settings)),
+                    *(orders.force, orders.limits.seconds, finished.code(), name),
                     key=f"{name}-{number}",
                     pure=False,
                 )
             ] = job
         try:
             for future in as_completed(list(futures), loop=client.loop):
-                outcomes[futures[future]] = outcome = _outcome(future)
-                display.ended(futures[future].name, batch.told(outcome))
-                if outcome.state in (FAILED, OURS) and not keep_going:
+                outcome = _outcome(future)
+                if outcome.state in (FAILED, OURS) and not orders.keep_going:
                     client.cancel([f for f in futures if not f.done()])
-                    break
-        except KeyboardInterrupt:
+                    yield futures[future], outcome
+                    return
+                yield futures[future], outcome
+        except (KeyboardInterrupt, GeneratorExit):  # here, or in whoever is told of an outcome
             stop.set()
             client.cancel(list(futures))
             raise
-    return outcomes
 
 
 def _outcome(future) -> Outcome:
@@ -113,20 +104,20 @@ def on_worker(
         return asdict(
             Outcome(FAILED, error=["a worker has another version of sixlight; install the same"])
         )
-    capture, place, wanted = Path(folder), Path(out), Settings(**settings)
+    capture, results, wanted = place(folder), place(out), Settings(**settings)
     ending = Event(stop)
     began = time.monotonic()
     while True:
-        if finished.holds(capture, place, wanted):
-            return asdict(Outcome(CURRENT, batch.grade(place)))
-        outcome = _followed(batch.Run(capture, place, wanted, force, seconds), ending)
-        busy = outcome.state == FAILED and any(batch.BUSY in line for line in outcome.error)
+        if (current := child.standing(capture, results, wanted)) is not None:
+            return asdict(current)
+        outcome = _followed(Run(capture, results, wanted, force, seconds), ending)
+        busy = outcome.state == FAILED and any(child.BUSY in line for line in outcome.error)
         if not busy or time.monotonic() - began > _BUSY_S:
             return asdict(outcome)
         time.sleep(_LOOK_S)
 
 
-def _followed(run: batch.Run, ending) -> Outcome:
+def _followed(run: Run, ending) -> Outcome:
     try:
         while (outcome := run.poll()) is None:
             time.sleep(_LOOK_S)
@@ -134,4 +125,4 @@ def _followed(run: batch.Run, ending) -> Outcome:
                 return Outcome()
         return outcome
     finally:
-        batch.stop([run])
+        child.stop([run])

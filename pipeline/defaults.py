@@ -15,6 +15,7 @@ from calibration.errors import InputError, Problem
 from pipeline.tables import read_toml
 
 NAME = "defaults.toml"
+ROOT = ".sixlight-root"  # in a folder that nothing above counts in: what was brought from elsewhere
 _TABLES = ("sphere", "camera", "room", "calibration", "orientation")
 # What is said in one of two ways; a capture that says it one way is not given the other besides.
 _EITHER = (
@@ -39,7 +40,7 @@ def above(folder: Path) -> list[Path]:
         file = place / NAME
         if file.is_file() and file.stat().st_uid == owner:
             found.append(file)
-        if place == home:
+        if place == home or (place / ROOT).is_file():
             break
     return found
 

@@ -6,6 +6,7 @@ Most of these run a stand-in for `envmap`, which does in milliseconds what a cap
 from __future__ import annotations
 
 import json
+import math
 import os
 import shutil
 import signal
@@ -18,9 +19,10 @@ import numpy as np
 import pytest
 import small_capture
 
-from pipeline import batch, finished
-from pipeline.batch import CURRENT, DONE, FAILED, LEFT, OURS
+from pipeline import batch, child, finished
+from pipeline.child import CURRENT, DONE, FAILED, LEFT, OURS
 from pipeline.settings import Settings
+from pipeline.shoot import needs_on_disk, plan
 
 ROOT = Path(__file__).parent.parent
 
@@ -51,7 +53,7 @@ with log.open("a") as file:
 @pytest.fixture
 def stand_in(monkeypatch):
     monkeypatch.setattr(
-        batch,
+        child,
         "_command",
         lambda folder, out, settings, force: [sys.executable, "-c", STAND_IN, out, folder],
     )
@@ -65,9 +67,9 @@ def captures(folder: Path, *names: str) -> Path:
 
 
 def done(folder: Path, out: Path, *, memory_bytes=1e12, at_once=8, seconds=20.0, **how):
-    jobs = batch.plan([folder], out, Settings())
-    limits = batch.Limits(at_once, memory_bytes, seconds)
-    outcomes = batch.run(jobs, Settings(), limits, quiet=True, **how)
+    jobs = plan([folder], out, Settings())
+    limits = batch.Limits(at_once, memory_bytes, seconds, math.inf)
+    outcomes = batch.run(jobs, batch.Orders(Settings(), limits, **how), quiet=True)
     return {job.name: outcome for job, outcome in outcomes.items()}
 
 
@@ -78,7 +80,7 @@ def test_captures_are_found_below_a_folder(tmp_path):
     shoot = captures(tmp_path / "shoot", "office", "week2/hall")
     (shoot / "plain" / "cyan").mkdir(parents=True)
     (shoot / "plain" / "cyan" / "1.CR2").touch()
-    jobs = batch.plan([shoot], tmp_path / "out", Settings())
+    jobs = plan([shoot], tmp_path / "out", Settings())
     assert [job.name for job in jobs] == ["office", "plain", "week2/hall"]
     assert jobs[2].out == tmp_path / "out" / "week2" / "hall"
 
@@ -95,12 +97,12 @@ def test_what_is_no_capture_is_passed_over(tmp_path):
     (shoot / "sensor" / "dark").mkdir(parents=True)
     (shoot / "sensor" / "dark" / "1.dng").touch()
     (shoot / "circle").symlink_to(shoot)
-    assert [job.name for job in batch.plan([shoot], None, Settings())] == ["office"]
+    assert [job.name for job in plan([shoot], None, Settings())] == ["office"]
 
 
 def test_a_capture_itself_may_be_named(tmp_path):
     captures(tmp_path, "office")
-    (job,) = batch.plan([tmp_path / "office"], tmp_path / "out", Settings())
+    (job,) = plan([tmp_path / "office"], tmp_path / "out", Settings())
     assert (job.name, job.out) == ("office", tmp_path / "out" / "office")
 
 
@@ -140,9 +142,12 @@ def test_memory_is_reckoned_by_pixels_and_face_size(tmp_path):
     for name, size in (("small", (120, 160)), ("large", (1200, 1600))):
         (tmp_path / name / "cyan").mkdir(parents=True)
         small_capture.write_shot(tmp_path / name / "cyan" / "1.dng", np.zeros(size, np.uint16))
-    small, large = (batch.estimate(tmp_path / n, Settings()) for n in ("small", "large"))
+    small, large = (
+        needs_on_disk(tmp_path / n, Settings()).memory_bytes for n in ("small", "large")
+    )
     assert large - small > 1200 * 1600 * 100
-    assert batch.estimate(tmp_path / "small", Settings(face_size=1024)) > small + 1e9
+    large_faces = needs_on_disk(tmp_path / "small", Settings(face_size=1024))
+    assert large_faces.memory_bytes > small + 1e9
 
 
 # ------------------------------------------------------------------------------------- how it goes
@@ -205,7 +210,7 @@ def most_at_once(times) -> int:
 @pytest.mark.slow
 def test_no_more_run_at_once_than_jobs_and_memory_allow(stand_in, tmp_path):
     shoot = captures(tmp_path / "shoot", *(f"slow_{i}" for i in range(4)))
-    (one,) = {job.memory_bytes for job in batch.plan([shoot], None, Settings())}
+    (one,) = {job.needs.memory_bytes for job in plan([shoot], None, Settings())}
     done(shoot, tmp_path / "jobs", at_once=2, memory_bytes=4.5 * one)
     assert most_at_once(spans(tmp_path / "jobs")) <= 2
     done(shoot, tmp_path / "memory", at_once=4, memory_bytes=1.5 * one)
@@ -223,8 +228,8 @@ def test_an_interrupted_batch_ends_its_children_and_itself(tmp_path, number):
         (shoot / f"c{i}" / "capture.toml").touch()
         os.mkfifo(shoot / f"c{i}" / "capture.fifo")
     program = (
-        "import signal, sys; from pipeline import batch, cli;"
-        "batch._command = lambda folder, *_:"
+        "import signal, sys; from pipeline import child, cli;"
+        "child._command = lambda folder, *_:"
         " [sys.executable, '-c', 'open(__import__(\"sys\").argv[1])', f'{folder}/capture.fifo'];"
         "cli.main()"
     )
@@ -278,10 +283,10 @@ def test_a_run_leaves_word_of_what_it_saw(small_capture_once, finished_once):
 
 def test_finished_captures_start_no_process(copied, tmp_path, monkeypatch):
     monkeypatch.setattr(batch, "Run", None)
-    jobs = batch.plan([tmp_path / "shoot"], tmp_path / "out", Settings())
-    limits = batch.Limits(1, 1e12, 60)
-    (outcome,) = batch.run(jobs, Settings(preview_width=192), limits, quiet=True).values()
-    assert (outcome.state, outcome.grade) == (CURRENT, batch.grade(copied[1]))
+    jobs = plan([tmp_path / "shoot"], tmp_path / "out", Settings())
+    orders = batch.Orders(Settings(preview_width=192), batch.Limits(1, 1e12, 60, math.inf))
+    (outcome,) = batch.run(jobs, orders, quiet=True).values()
+    assert (outcome.state, outcome.grade) == (CURRENT, child.grade(*copied))
     assert outcome.grade is not None
 
 
@@ -352,10 +357,10 @@ def test_whatever_is_doubtful_is_run(copied, change):
 
 def test_looking_imports_nothing_slow(copied):
     program = (
-        "import sys; from pathlib import Path; from pipeline import batch; "
-        "batch.plan([Path(sys.argv[1])], None, batch.Settings()); "
-        "batch.finished.holds(Path(sys.argv[1]), Path(sys.argv[2]), batch.Settings()); "
-        "print({'numpy', 'rich', 'rawpy', 'OpenImageIO'} & set(sys.modules))"
+        "import sys; from pathlib import Path; from pipeline import batch, child, shoot; "
+        "shoot.plan([Path(sys.argv[1])], None, batch.Settings()); "
+        "child.standing(Path(sys.argv[1]), Path(sys.argv[2]), batch.Settings()); "
+        "print({'numpy', 'rich', 'rawpy', 'OpenImageIO', 'fsspec'} & set(sys.modules))"
     )
     done = subprocess.run(
         [sys.executable, "-c", program, *copied], cwd=ROOT, capture_output=True, text=True

@@ -18,7 +18,7 @@ ROOT = Path(__file__).parent.parent
 # In place of `envmap`: takes the output's lock, as a run does, and leaves word of each end.
 STAND_IN = '''
 import sys
-from pipeline import batch
+from pipeline import child
 
 PROGRAM = """
 import fcntl, json, pathlib, sys, time
@@ -36,7 +36,7 @@ with (out / "work" / "lock").open("w") as lock:
         done.write("x")
     (out / "result.json").write_text(json.dumps({"verdict": {"grade": "good"}}))
 """
-batch._command = lambda folder, out, settings, force: [sys.executable, "-c", PROGRAM, str(out)]
+child._command = lambda folder, out, settings, force: [sys.executable, "-c", PROGRAM, str(out)]
 '''
 
 
@@ -111,6 +111,31 @@ def test_all_are_done_once_though_a_worker_is_killed(cluster, tmp_path):
     assert [c["grade"] for c in told["captures"]] == ["good"] * 12
     for i in range(12):
         assert (tmp_path / "out" / f"c{i:02}" / "done").read_text() == "x"
+
+
+@pytest.mark.slow
+def test_captures_by_url_are_brought_to_the_workers(cluster, tmp_path, monkeypatch):
+    elsewhere = pytest.importorskip("elsewhere", reason="needs fsspec")
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "scratch"))
+    (tmp_path / "scratch").mkdir()
+    (tmp_path / "stand_in.py").write_text(
+        f"import sys\nfrom pipeline import child\nPROGRAM = {elsewhere.PROGRAM!r}\n"
+        "child._command = lambda folder, out, *_:"
+        " [sys.executable, '-c', PROGRAM, child.address(out), child.address(folder)]\n"
+    )
+    shoot, maps = f"file://{tmp_path}/shoot", f"file://{tmp_path}/maps"
+    for i in range(6):
+        elsewhere.put_capture(f"{shoot}/c{i}")
+    address, workers = cluster(2, "--preload", tmp_path / "stand_in.py")
+    with batch(shoot, "-o", maps, "--scheduler", address, "--json") as process:
+        process.stderr.readline()
+        workers[0].send_signal(signal.SIGKILL)
+        told = json.loads(process.stdout.read())
+    assert process.returncode == 0, told
+    assert [c["grade"] for c in told["captures"]] == ["good"] * 6
+    with batch(shoot, "-o", maps, "--scheduler", address, "--json") as process:
+        again = json.loads(process.stdout.read())
+    assert {c["state"] for c in again["captures"]} == {"current"}
 
 
 @pytest.mark.slow
