@@ -10,7 +10,10 @@ sees - a camera, its tripod, the photographer - differs by much, and so counts f
 biweight, A. E. Beaton and J. W. Tukey 1974). What is near stands elsewhere in each map, as each
 camera sees it from another place on the mirror: by r / L for a sphere of radius r at a distance L.
 Unless it is part of the model it turns the maps, as rooms are not the same on all sides; so the
-inverse distance, a smooth function of direction, is solved for beside the rotations.
+inverse distance, a smooth function of direction, is solved for beside the rotations. And so is by
+how much the sphere's reflectance rises otherwise towards the rim than was said: the light has a
+colour that one mean reflectance does not know, and a per cent of it turns the maps of a dim, even
+world by half a degree.
 """
 
 from __future__ import annotations
@@ -57,6 +60,8 @@ _FAR = 4.685  # robust standard deviations, from which on a texel counts for not
 _LEAST_SPREAD = 0.01  # of logarithms: reflectances and demosaicing are no better
 _EDGE = 0.5  # texels by which an edge may seem to be elsewhere
 _NEARNESS_PER_M = 2.0  # 1 / L that is thought likely, standard deviation
+_REFLECTANCE_OFF = 0.1  # by which logarithms of reflectance may be off, likewise
+_POWERS = np.arange(1, 4)  # of sin^2 of the incidence, in which they are
 _PASSES = 3  # of laying the views out anew where walls are near, whose parallax depends on the turn
 _SETTLED = np.radians(0.005)
 
@@ -138,7 +143,8 @@ def orient(
             replace(s, turn=t.tolist(), yaw_deg=0.0) for s, t in zip(spheres, before, strict=True)
         ]
         maps = [_map(i, s, reflectance) for i, s in zip(images, turned, strict=True)]
-        fitted = _fitted(maps, None, [np.eye(3)] * len(maps), sizes=(_FINEST,))
+        still = [np.eye(3)] * len(maps)
+        fitted = _fitted(maps, turned, still, walls_known=True, sizes=(_FINEST,))
         fitted = replace(fitted, turns=[d @ t for d, t in zip(fitted.turns, before, strict=True)])
         moved = max(_angle(a @ b.T) for a, b in zip(fitted.turns, before, strict=True))
         if moved < _SETTLED:
@@ -376,48 +382,61 @@ class _Fit:
 
 
 def _fitted(
-    maps: Sequence[_Map], spheres: Sequence[Sphere] | None, turns, sizes=(32, 64, _FINEST)
+    maps: Sequence[_Map],
+    spheres: Sequence[Sphere],
+    turns,
+    *,
+    walls_known: bool = False,
+    sizes=(32, 64, _FINEST),
 ) -> _Fit:
     """All views brought upon each other, from coarse maps to the finest.
 
-    spheres  None where walls are known: what is left of parallax then is furniture, which no smooth
-             function of direction follows
+    walls_known  what is left of parallax then is furniture, which no smooth function of direction
+                 follows
     """
     finest = min(m.weight.shape[1] for m in maps)
     fit = None
     for size in dict.fromkeys(min(s, finest) for s in sizes):
         some = [m.at(size) for m in maps]
-        fit = _least_squares(some, spheres, turns if fit is None else fit.turns, rounds=_ROUNDS)
+        turns = turns if fit is None else fit.turns
+        fit = _least_squares(some, spheres, turns, parallax=not walls_known, rounds=_ROUNDS)
     assert fit is not None
     return fit
 
 
-def _least_squares(maps: Sequence[_Map], spheres, turns, *, rounds: int) -> _Fit:
-    """Rotations, gains and nearness by Gauss and Newton, over all pairs of views.
+def _least_squares(
+    maps: Sequence[_Map], spheres, turns, *, rounds: int, parallax: bool = False
+) -> _Fit:
+    """Rotations, gains, reflectance and nearness by Gauss and Newton, over all pairs of views.
 
     A small rotation by delta moves a map's content f at d by -delta . (d x grad f); a point at
     distance L in direction d appears at d - t / L, with t the part across d of where on the mirror
     it is seen. Both are linear, with the mean slope of the two views of a pair.
+
+    spheres   None for rotations and gains alone
+    parallax  whether 1 / L is an unknown
     """
     n, count = maps[0].weight.shape[1], len(maps)
     turns = [np.asarray(t) for t in turns]
     d = cube.directions(n)
     omega = np.tile(cube.solid_angles(n).reshape(-1) * n * n, 6)
-    basis = np.empty((len(omega), 0)) if spheres is None else _quadratic(d).reshape(-1, 9)
+    basis = _quadratic(d).reshape(-1, 9) if parallax else np.empty((len(omega), 0))
     level = maps[0].level
     fields = [_field(m, level) for m in maps]
     pairs = list(itertools.combinations(range(count), 2))
     others = count - 1
-    # The unknowns: three of a rotation and a gain for each view but the first, and nearness.
+    # The unknowns: three of a rotation and a gain for each view but the first, the reflectance, and
+    # nearness.
     of_view = [(slice(3 * (v - 1), 3 * v), 3 * others + v - 1) for v in range(count)]
-    near = slice(4 * others, None)
-    unknowns = 4 * others + basis.shape[1]
+    reflecting = slice(4 * others, 4 * others + (0 if spheres is None else len(_POWERS)))
+    near = slice(reflecting.stop, None)
+    unknowns = near.start + basis.shape[1]
     x = np.zeros(unknowns)
     for _ in range(rounds):
         seen = [_seen(f, t, d) for f, t in zip(fields, turns, strict=True)]
-        places = [] if spheres is None else [
-            _across(s, t, d) for s, t in zip(spheres, turns, strict=True)
-        ]  # fmt: skip
+        own = [] if spheres is None else list(zip(spheres, turns, strict=True))
+        rising = [_rising(s, t, d) for s, t in own]
+        places = [_across(s, t, d) for s, t in own] if parallax else []
         equations = []
         for i, j in pairs:
             left, slopes, weight = _pair(seen[i], seen[j])
@@ -430,6 +449,8 @@ def _least_squares(maps: Sequence[_Map], spheres, turns, *, rounds: int) -> _Fit
                     jacobian[:, turning] = sign * slopes
                     jacobian[:, gaining] = -sign
             gradient = np.cross(d.reshape(-1, 3)[some], slopes)
+            if rising:
+                jacobian[:, reflecting] = (rising[i] - rising[j])[some]
             if places:
                 apart = np.sum(gradient * (places[i] - places[j]).reshape(-1, 3)[some], axis=1)
                 jacobian[:, near] = -apart[:, None] * basis[some]
@@ -448,8 +469,9 @@ def _least_squares(maps: Sequence[_Map], spheres, turns, *, rounds: int) -> _Fit
             right -= weighted.T @ left
             scores[some] += weighted * left[:, None]
         prior = np.full(unknowns, 1e-9 * np.trace(normal) / unknowns)
+        prior[reflecting] += _REFLECTANCE_OFF**-2
         prior[near] += _NEARNESS_PER_M**-2
-        right[near] -= prior[near] * x[near]
+        right[4 * others :] -= (prior * x)[4 * others :]
         step = np.linalg.solve(normal + np.diag(prior), right)
         x[3 * others :] += step[3 * others :]
         moves = step[: 3 * others].reshape(-1, 3)
@@ -520,16 +542,26 @@ def _pair(one, other):
     return one[0] - other[0], 0.5 * (one[1] + other[1]), weight
 
 
-def _across(sphere: Sphere, turn: Array, d: Array) -> Array:
-    """Where on the mirror directions are seen, m, less what lies along them: (6, n, n, 3)."""
+def _incidence(sphere: Sphere, turn: Array, d: Array) -> tuple[Array, Array]:
+    """Angle of incidence (6, n, n), rad, of directions, and where the camera is (3,)."""
     own = replace(sphere, room=None, yaw_deg=0.0, turn=None)
     turn = turn if sphere.turn is None else turn @ np.asarray(sphere.turn)
-    towards = turn[:, 2]
-    incidence = own.incidence_angle(d @ turn)
+    return np.nan_to_num(own.incidence_angle(d @ turn), nan=pi / 2), turn[:, 2]
+
+
+def _rising(sphere: Sphere, turn: Array, d: Array) -> Array:
+    """Shapes (6 n n, P) that the logarithm of the reflectance may have over the incidence."""
+    incidence, _ = _incidence(sphere, turn, d)
+    return np.asarray((np.sin(incidence) ** 2).reshape(-1, 1) ** _POWERS)
+
+
+def _across(sphere: Sphere, turn: Array, d: Array) -> Array:
+    """Where on the mirror directions are seen, m, less what lies along them: (6, n, n, 3)."""
+    incidence, towards = _incidence(sphere, turn, d)
     # The normal lies between the direction and the axis, by the angle of incidence from the first.
     aside = towards - (d @ towards)[..., None] * d
     aside /= np.maximum(np.linalg.norm(aside, axis=-1, keepdims=True), 1e-9)
-    reach = np.sin(np.nan_to_num(incidence, nan=pi / 2))[..., None]
+    reach = np.sin(incidence)[..., None]
     place: Array = sphere.radius_mm * 1e-3 * reach * aside
     return place
 

@@ -77,13 +77,16 @@ def photographed(camera, world, turn, *, gain=1.0, seed=0, rim_samples=4):
     return Measured(image.astype(np.float32), variance.astype(np.float32), known), sphere
 
 
-def seen(turn):
-    """What a view's camera has about it (n, 6), each light for each band, in its own world."""
+def seen(turn, signal):
+    """What a view's camera has about it (n, 6), each light for each band, in its own world.
+
+    signal  (2, 3) of each band in one of each light
+    """
 
     def own(directions):
         light = amount(directions @ turn.T)
         light[someone(directions)] = CLOTH
-        return np.repeat(light, 3, axis=-1)
+        return np.repeat(light, 3, axis=-1) * signal.ravel()
 
     return own
 
@@ -113,10 +116,10 @@ def make(folder: Path, *, hints: bool = False, turns=TURNS) -> Path:
             angles = np.linspace(0.0, np.pi / 2, 181)
             by_angle = np.einsum("lw,kw,wc->klc", lights(), small.steel(np.cos(angles)), bands)
 
+            bare = by_angle[-1]  # as everything, steel reflects all of the light that grazes it
             image = sphere_tracer.photograph(
-                seeing, seen(turn), _by_angle(angles, by_angle), shift, rim_samples=5
+                seeing, seen(turn, bare), _by_angle(angles, by_angle / bare), shift, rim_samples=5
             )
-            # Around the sphere nothing is reflected, and there is nothing to see.
             colours = image.reshape(*image.shape[:2], 2, 3).sum(axis=2)
             (folder / view / name).mkdir(parents=True)
             for i, (time_s, tag) in enumerate(zip(small.TIMES_S, small.TAGS, strict=True)):

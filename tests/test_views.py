@@ -194,7 +194,7 @@ def test_three_small_views_are_brought_into_one_world(three):
     for name, view in result["steps"]["orient"]["learnt"]["views"].items():
         turn = np.array(view["turn"]) @ small_views.TURNS[name].T
         # A sphere 176 px across is found to a tenth of a pixel, which is a tenth of a degree.
-        assert np.degrees(Rotation.from_matrix(turn).magnitude()) < 0.25
+        assert np.degrees(Rotation.from_matrix(turn).magnitude()) < 0.15
         assert view["gain"] == pytest.approx(1.0, abs=0.005)
     assert not [note for note in result["notes"] if "light" in note]
 
@@ -208,13 +208,12 @@ def test_the_joined_map_is_the_world_without_photographers(three):
     directions = cube.directions(n)
     spectral = small_views.world(directions.reshape(-1, 3))
     truth = primaries.load().project(spectral).reshape(light.values.shape)
-    ratio = light.values / truth
-    ratio /= np.median(ratio)
-    error = np.abs(ratio - 1.0).max(axis=-1)
-    assert np.median(error) < 0.03
+    usual = np.median(light.values / truth, axis=(0, 1, 2))  # off by what the calibration is
+    error = np.abs(light.values / truth / usual - 1.0).max(axis=-1)
+    assert np.median(error) < 0.015
     for name, turn in small_views.TURNS.items():
         before = small_views.someone(directions.reshape(-1, 3) @ turn).reshape(6, n, n)
         alone, _ = io.read_measured(out / "work" / f"cubemap_{name}.exr", cube=True)
-        off = np.abs(alone.values / truth / np.median(light.values / truth) - 1.0).max(axis=-1)
+        off = np.abs(alone.values / truth / usual - 1.0).max(axis=-1)
         assert np.nanmedian(off[before]) > 0.5  # there they stand
-        assert np.quantile(error[before], 0.9) < 0.15
+        assert np.quantile(error[before], 0.9) < 0.05
