@@ -56,6 +56,14 @@ def small(small_capture_once, tmp_path) -> Path:
     return Path(shutil.copytree(small_capture_once, tmp_path / "small"))
 
 
+@pytest.fixture
+def finished(finished_once, small, tmp_path) -> Path:
+    """The results of `small`, a copy that a test may change."""
+    out = Path(shutil.copytree(finished_once, tmp_path / "out"))
+    (out / "work" / "capture.json").write_text('{\n  "capture": "../small"\n}\n')
+    return out
+
+
 def digests(folder: Path) -> dict[str, str]:
     """Every file below a folder, by content."""
     return {

@@ -30,9 +30,9 @@ def test_a_loaded_map_is_what_the_file_holds(finished_once):
 
 
 @pytest.mark.slow
-def test_envmap_gives_the_map_it_made(small_capture_once, finished_once):
-    room = pipeline.envmap(small_capture_once, finished_once)  # current but for the picture's size
-    assert room.file == finished_once / "cubemap.exr"
+def test_envmap_gives_the_map_it_made(small, finished):
+    room = pipeline.envmap(small, finished)  # current but for the picture's size
+    assert room.file == finished / "cubemap.exr"
 
 
 def test_a_rendering_is_a_picture_and_its_light(finished_once):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -158,14 +157,6 @@ def again(sixlight, capture, out, *options) -> list[str]:
     assert outcome.status == 0, outcome.err
     steps = [line.split("] ", 1)[1] for line in outcome.err.splitlines() if line.startswith("[")]
     return [s.split(":")[0] for s in steps if not s.endswith("current")]
-
-
-@pytest.fixture
-def finished(finished_once, small, tmp_path):
-    out = tmp_path / "out"
-    shutil.copytree(finished_once, out)
-    (out / "work" / "capture.json").write_text('{\n  "capture": "../small"\n}\n')
-    return out
 
 
 def test_nothing_is_done_again(sixlight, small, finished):

@@ -54,9 +54,9 @@ def test_killed_at_any_moment_the_next_run_ends_as_an_undisturbed_one(bands, tmp
     from benchmarks.kills import kill
 
     (tmp_path / "outs").mkdir()
-    done = kill(bands, tmp_path / "outs", 25, 7)
+    done = kill(bands, tmp_path / "outs", 12, 7)
     assert done.wrong == ()
-    assert done.kills == 25
+    assert done.kills == 12
 
 
 @pytest.mark.slow
