@@ -88,7 +88,9 @@ def _speed() -> Iterator[Figure]:
         name = f"{diameter} px to 6 x {face} x {face} x {3 * filters}, CPU"
         yield Figure(name, spent, "s")
         yield Figure(f"{name}, over its share of the first", spent / (work * full), "times")
-    yield from _peers()
+    for peer in _peers():
+        yield peer
+        yield Figure(f"the first, over {peer.name}", full / peer.value, "times")
 
 
 def _photograph(diameter: int, seed: int = 1):

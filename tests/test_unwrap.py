@@ -9,10 +9,12 @@ from stages.align import Alignment
 from stages.cube import directions, face_directions
 from stages.demosaic import demosaic
 from stages.mirror import Sphere
+from stages.room import Room
 from stages.types import Measured, Radiance
 from stages.unwrap import (
     BAYER_NOISE_AREA_PX,
     BAYER_NOISE_CORRELATION,
+    _corners,
     default_face_size,
     unwrap,
 )
@@ -120,6 +122,42 @@ def test_a_filter_is_read_where_its_image_lies():
     both = (angle_from_camera(32) < 150.0) & (cube.valid > 0.9)
     ratio = cube.values[both][:, 2:] / cube.values[both][:, :2]
     assert np.percentile(np.abs(ratio - 1.0), 95) < 2e-3
+
+
+def test_a_sphere_cut_by_the_frame_comes_out_as_far_as_it_is_seen():
+    # One channel and two, of noise, as far as the frame's very last pixel; both reach past the
+    # array's end where four numbers are read at once.
+    image = np.random.default_rng(11).random((310, 330, 2)).astype(np.float32)
+    whole = unwrap([measured(image)], SPHERE, STILL, face_size=64)
+    for channels in (1, 2):
+        frame = image[:240, :260, :channels]
+        cut = unwrap([measured(frame)], SPHERE, STILL, face_size=64)
+        seen = cut.valid == 1.0
+        assert 0.5 < seen.mean() < (whole.valid == 1.0).mean() - 0.1
+        np.testing.assert_allclose(
+            cut.values[seen], whole.values[seen][:, :channels], rtol=1e-6, atol=1e-6
+        )
+
+
+@pytest.mark.parametrize(
+    ("distance", "room"),
+    [
+        (900.0, None),
+        (90.0, None),  # the blind cone reaches far beyond the faces' middle
+        (600.0, Room((1.5, 1.6, 2.0), (0.4, 0.7, 0.8), (0.5, 0.8, 1.4))),  # kinks at walls' edges
+    ],
+)
+def test_between_knots_the_mirror_is_good_to_a_hundredth_of_a_pixel(distance, room):
+    sphere = Sphere.from_rim(
+        1500.0, 1480.0, 1400.0, radius_mm=50.0, principal_px=(1350.0, 1600.0), distance_mm=distance,
+        yaw_deg=25.0, room=room,
+    )  # fmt: skip
+    corners, hidden = _corners(sphere, 256, 2)
+    edge = np.linspace(-1.0, 1.0, 257)
+    exact, seen = sphere.pixel_of(face_directions(edge[None, :], edge[:, None]))
+    np.testing.assert_array_equal(hidden, ~seen)
+    off = np.hypot(*(np.moveaxis(corners, 1, 0) - np.moveaxis(exact, -1, 0)))
+    assert off.max() < 0.01
 
 
 def bilinear(image, x, y):
