@@ -68,7 +68,7 @@ def run(
     InputError where the input or the place is at fault; results that were there stay as they are
     until the step that makes them has ended well.
     """
-    _claim(capture, out, force)
+    claim(capture, out, force)
     with _alone(out):
         return _bring_up_to_date(capture, out, settings, quiet)
 
@@ -125,7 +125,7 @@ def _note_finished(capture: Capture, out: Path, settings: Settings, tasks: Seque
     _store_json(out / finished.STAMP, stands, out)
 
 
-def _claim(capture: Capture, out: Path, force: bool) -> None:
+def claim(capture: Capture, out: Path, force: bool) -> None:
     """Makes sure that what is in `out` is this capture's, or nothing, or meant to be replaced."""
     owner = out / "work" / "capture.json"
     mine = {"capture": os.path.relpath(capture.folder.resolve(), out.resolve())}
@@ -139,7 +139,7 @@ def _claim(capture: Capture, out: Path, force: bool) -> None:
                     "choose another with -o, or --force",
                     out,
                 )
-        elif out.is_dir() and any(out.iterdir()) and not force:
+        elif _holds_something(out) and not force:
             raise fault(
                 "holds files that sixlight did not write",
                 "an empty folder or earlier results of the same capture",
@@ -148,6 +148,14 @@ def _claim(capture: Capture, out: Path, force: bool) -> None:
             )
         (out / "work").mkdir(parents=True, exist_ok=True)
     _store_json(owner, mine, out)
+
+
+def _holds_something(out: Path) -> bool:
+    """More than a run leaves that is killed before it says whose results these are to be."""
+    work = out / "work"
+    inside = work.iterdir() if work.is_dir() and not work.is_symlink() else ()
+    unfinished = all(path.name.startswith("unfinished-") for path in inside)
+    return out.is_dir() and any(path != work or not unfinished for path in out.iterdir())
 
 
 @contextmanager

@@ -12,7 +12,9 @@ import test_ktx2
 from conftest import QUICK
 
 from calibration import primaries
-from pipeline import io
+from calibration.errors import InputError
+from pipeline import capture as captures
+from pipeline import io, runner
 from stages import cube
 
 
@@ -247,6 +249,19 @@ def test_what_a_killed_run_left_is_cleared_away(sixlight, small, finished):
     (leftover / "half.exr").write_bytes(b"v/1\x01")
     assert again(sixlight, small, finished) == []
     assert not leftover.exists()
+
+
+def test_a_run_killed_before_it_said_whose_results_these_are_is_no_obstacle(small, tmp_path):
+    work = tmp_path / "out" / "work"
+    work.mkdir(parents=True)
+    (work / "unfinished-capture.json").write_text("{")
+    capture = captures.load(small)
+    runner.claim(capture, tmp_path / "out", force=False)
+    (work / "unfinished-capture.json").write_text("{")
+    (work / "capture.json").unlink()
+    (work / "mine.txt").write_text("mine")
+    with pytest.raises(InputError, match="did not write"):
+        runner.claim(capture, tmp_path / "out", force=False)
 
 
 @pytest.mark.slow
