@@ -13,7 +13,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -425,7 +425,7 @@ def found(case: Case, image: Measured) -> Sphere:
 class Outcome:
     """What became of a case, px.
 
-    centre, radius       errors
+    centre, radius       errors; by more than `_FAILED`, something else was taken for the sphere
     centre_sigma, radius_sigma  as told; of the centre along x or y
     shift                root mean square over the sphere of the second filter's places; None where
                          there is none
@@ -439,28 +439,31 @@ class Outcome:
     shift: float | None = None
     shift_sigma: float | None = None
 
+    @property
+    def mistaken(self) -> bool:
+        return max(self.centre, self.radius) > _FAILED
+
 
 def outcome(case: Case, image: Measured) -> Outcome | None:
-    """What `locate` and `align` make of the photograph; None: not found, or something else was."""
+    """What `locate` and `align` make of the photograph; None: refused, as no sphere is found."""
     try:
         sphere = found(case, image)
     except InputError:
         return None
     centre = float(np.hypot(*np.subtract(sphere.centre_px, (case.x, case.y))))
     radius = abs(sphere.rim_px - case.rim)
-    if max(centre, radius) > _FAILED:
-        return None
     told = np.array(sphere.rim_sigma_px)
     sigma = float(np.sqrt(np.mean(told[:2] ** 2))), float(told[2])
-    if case.number % ALIGNED:
-        return Outcome(centre, radius, *sigma)
+    became = Outcome(centre, radius, *sigma)
+    if case.number % ALIGNED or became.mistaken:
+        return became
     other = photograph(case, other=True)
     alignment = align([image, other], sphere)
     places = case.rim * np.stack(np.meshgrid(*[np.linspace(-1, 1, 21)] * 2), axis=-1)
     places = places[np.hypot(*np.moveaxis(places, -1, 0)) < case.rim] + (case.x, case.y)
     off = alignment.to_image(1, places) - case.to_other(places)
     shift = float(np.sqrt(np.mean(np.sum(off**2, axis=-1))))
-    return Outcome(centre, radius, *sigma, shift, float(alignment.error_px[1]))
+    return replace(became, shift=shift, shift_sigma=float(alignment.error_px[1]))
 
 
 def _became(number: int) -> Outcome | None:
@@ -471,14 +474,17 @@ def _became(number: int) -> Outcome | None:
 def measure(cases: int = CASES) -> Iterator[Figure]:
     """The figures, all together and by theme."""
     by_theme: dict[str, list[Outcome]] = {theme: [] for theme in THEMES}
-    failed = dict.fromkeys(THEMES, 0)
+    refused, mistaken = dict.fromkeys(THEMES, 0), 0
     with ProcessPoolExecutor() as workers:  # 3 s of processor each
         for number, became in enumerate(workers.map(_became, range(cases), chunksize=4)):
             if became is None:
-                failed[case(number).theme] += 1
+                refused[case(number).theme] += 1
+            elif became.mistaken:
+                mistaken += 1
             else:
                 by_theme[case(number).theme].append(became)
-    yield Figure(f"sphere not found, of {cases}", sum(failed.values()), high=0)
+    yield Figure(f"sphere not found, and so said, of {cases}", sum(refused.values()), high=0)
+    yield Figure(f"something else taken for it, of {cases}", mistaken, high=0)
     together = [became for of_theme in by_theme.values() for became in of_theme]
     for name in ("centre", "radius"):
         errors = np.array([getattr(became, name) for became in together])
@@ -499,7 +505,7 @@ def measure(cases: int = CASES) -> Iterator[Figure]:
         told = float(np.sqrt(np.mean(np.minimum(errors / sigma, 5.0) ** 2 / 2.0)))
         yield Figure("second filter's places, error over that told, rms", told, "times")
     for theme, of_theme in by_theme.items():
-        yield Figure(f"  {theme}: not found", failed[theme])
+        yield Figure(f"  {theme}: not found", refused[theme])
         for name in ("centre", "radius") if of_theme else ():
             errors = np.array([getattr(became, name) for became in of_theme])
             yield Figure(f"  {theme}: {name}, median", float(np.median(errors)), "px")

@@ -19,11 +19,11 @@ both sides by F; an edge says that the rim is not inside of it and likely close.
 Two things have to be right for that, as what lies beyond the outermost edge is all there is to
 see. The blur is not a Gaussian: a pixel's square and the spline that profiles are read with
 have no tails, and with a Gaussian of the same variance rims come out a tenth of a pixel too large.
-And how wide it is the rim tells badly while there may be edges near it: a narrower blur and edges
-further inside look the same, and the likelier is too narrow. It is therefore measured on edges that
-the sphere reflects (`stages.blur`). Where too few are clean there, none is taken to be near the rim
-either: worlds with edges are left out, and the rim then tells the blur, as the one that explains
-all its profiles best.
+How wide it is has two sources. Where the sphere reflects enough clean edges, they tell it
+(`stages.blur`), not the rim: with edges near the rim too, a narrower blur and edges further inside
+look the same there. Where it does not, as before plain walls, there are few near the rim either:
+worlds with edges are left out, and with these gone the rim tells its blur, as the one that explains
+all profiles best.
 
 Beside things that no such model knows, a stand, a hand, clutter, the likeliest place is wrong along
 a whole arc. Places are therefore gathered in sectors, each of which has a vote of bounded weight;
@@ -47,6 +47,8 @@ from stages.types import Measured
 _OUTER = 3  # samples of a profile, the outermost: the light outside the rim
 _ALONG = 6  # px along the rim over which profiles are averaged, and apart
 _MOST = 250  # profiles; of larger rims they lie further apart
+_FAR = 1.8  # px: after a step so long, the rim is looked for about the new place just as far ...
+_TWICE = 2  # ... so many times
 _FINE = 0.02  # px, to which a sector's sum is interpolated
 _USUAL_LENS = 0.5  # px, blur of lens and demosaicing, to begin with where no edge tells it ...
 _LENSES = np.array([0.05, 0.2, 0.35, 0.5, 0.7, 0.9, 1.15])  # ... and of which the rim then chooses
@@ -61,8 +63,9 @@ _SECTORS = 36
 _ARCS = 12  # of three sectors each: what is left out at a time to tell the error
 _ASTRAY = 0.1  # likelihood, against the best, of a rim outside of what a sector says ...
 _BEYOND = 0.002  # ... and of one inside of it
-# Errors on simulated spheres, over those that the sectors' disagreement tells: what all sectors
-# have in common, as an error of the blur, none of them shows.
+# Sectors disagree by their own errors; one they share, as by a wrong blur, makes none disagree, and
+# neighbouring arcs are wrong together. So on simulated spheres errors are larger than the jackknife
+# tells, by this factor in root mean square.
 _UNTOLD = 2.8
 _LEAST_SIGMA = 0.02  # px
 _AGREE = 0.3  # px: sectors that show the rim no further away agree with it
@@ -123,22 +126,28 @@ def measure_rim(
     sphere_at  (x, y, rim_px) -> Sphere
     reflectance  of the sphere: angles of incidence (K,) in rad, ascending to pi/2, and the factor
                  there (K,); None for a perfect mirror
-    rounds     each starts from the rim the last has found
+    rounds     each starts from the rim the last has found; where the first ends far from its
+               start, it is done again from there
     """
     rim = np.array(start, np.float64)
     part = _Part(image, sphere_at(*rim))
     blur = part.blur_inside(rim)
     lens = _USUAL_LENS if np.isnan(blur) else float(np.sqrt(max(blur**2 - _SQUARE, 0.01)))
     edges = not np.isnan(blur)
-    for k in range(rounds):
-        about = _WIDE if k == 0 else _NEAR
-        if k == 1 and not edges:
-            lens = _likeliest_lens(part, rim, sphere_at, reflectance)
+    about, far = _WIDE, _TWICE
+    while rounds:
         sectors = _Sectors(
             *_evidence_about(part, rim, sphere_at, reflectance, lens, about, edges), about
         )
         step = sectors.best(about.reach)
         rim = rim + step
+        if about is _WIDE and far and np.abs(step).max() > _FAR:
+            far -= 1  # near the end of the reach, where it may not end: once more
+            continue
+        rounds -= 1
+        if about is _WIDE and not edges:
+            lens = _likeliest_lens(part, rim, sphere_at, reflectance)
+        about = _NEAR
     beyond = sectors.own - sectors.moves @ step
     sigma = sectors.sigma(step)
     return RimFit(
@@ -270,8 +279,9 @@ def _worlds() -> list[_World]:
     first = np.diff(root) * np.exp(-0.5 * _RATE * (root[:-1] + root[1:]))
     first /= first.sum()
     worlds = []
-    # The background is the world as well, but seen at 30 radii; though it may be clutter.
-    for outside, share in ((1e-3, 0.8), (3e-2, 0.2)):
+    # The background is the world as well, but seen at 30 radii; though it may be clutter, down to
+    # what changes from pixel to pixel.
+    for outside, share in ((1e-3, 0.7), (3e-2, 0.15), (0.3, 0.15)):
         worlds += [
             _World(0.1 * share, 0.3, (1.0, 0.0, 0.0), outside),
             _World(0.3 * share, 0.01, (1.0, 1.0, 0.3), outside),

@@ -9,7 +9,7 @@ from calibration.errors import InputError
 from stages.demosaic import demosaic
 from stages.locate import locate
 from stages.mirror import Sphere
-from stages.rim import measure_rim
+from stages.rim import RimFit, measure_rim
 from stages.types import Measured, Radiance
 
 COSINE = np.linspace(1.0, 0.0, 500) ** 2
@@ -145,6 +145,41 @@ def test_a_stand_a_cluttered_background_and_unknown_pixels_do_no_harm():
     photo = Measured(values, photo.variance, (~lamp).astype(np.float32))
     sphere = locate([photo], **LENS)
     assert errors(sphere, camera, 210.4, 160.8, 110.0).max() < 0.15
+
+
+def test_a_sphere_is_found_before_a_wall_as_busy_as_itself():
+    x, y, rim = 150.3, 120.7, 90.0
+    camera = Camera.seeing(x, y, rim, 280, 320)
+    image = photograph(camera, busy_world(4), chromium, samples=1, rim_samples=2)[..., 0]
+    clutter = np.exp(2.0 * gaussian_filter(np.random.default_rng(4).normal(size=image.shape), 1.0))
+    row, column = np.mgrid[:280, :320] + 0.5
+    behind = np.hypot(column - x, row - y) >= rim
+    sphere = locate([measured(np.where(behind, clutter, image), seed=1)], **LENS)
+    # The wall is not that behind what the rim reflects, as one that is close is not.
+    assert errors(sphere, camera, x, y, rim).max() < 0.3
+
+
+def test_a_rim_that_ends_elsewhere_from_every_start_is_refused(monkeypatch):
+    camera = Camera.seeing(150.3, 120.7, 90.0, 240, 300)
+    photo = measured(photograph(camera, smooth_world(5), chromium, samples=1, rim_samples=4))
+
+    apart = 2.5
+    ends = []
+
+    def elsewhere(image, start, sphere_at, reflectance):
+        ends.append(150.0 + apart * len(ends))
+        poor = tuple(k % 5 < 2 for k in range(36))
+        return RimFit((ends[-1], 120.0, 90.0), (0.1, 0.1, 0.1), 0.5, poor, 0.5)
+
+    monkeypatch.setattr("stages.locate.measure_rim", elsewhere)
+    with pytest.raises(InputError, match=r"may be at \[150, 12\d, 9\d\], but too little"):
+        locate([photo], **LENS)
+    apart, ends = 1.5, []
+    sphere = locate([photo], **LENS)
+    assert len(ends) == 3
+    # The one in the middle is near both; how far they are apart is an error of it.
+    assert sphere.centre_px[0] == pytest.approx(151.5)
+    assert sphere.rim_sigma_px[0] == pytest.approx(np.hypot(0.1, np.std([150.0, 151.5, 153.0])))
 
 
 def test_close_up_the_rim_is_fitted_as_the_ellipse_it_is():
