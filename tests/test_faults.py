@@ -132,13 +132,13 @@ def test_a_photograph_that_changes_during_the_run_makes_no_result(
 
 
 def test_a_photograph_that_vanishes_before_it_is_looked_at(sixlight, bands, tmp_path, monkeypatch):
-    claim = runner._claim
+    claim = runner.claim
 
     def vanishing(*given):
         (bands / "yellow" / "yellow_0.dng").unlink()
         claim(*given)
 
-    monkeypatch.setattr(runner, "_claim", vanishing)
+    monkeypatch.setattr(runner, "claim", vanishing)
     outcome = sixlight("envmap", bands, "-o", tmp_path / "out", "--quiet")
     assert outcome.status == 2
     assert len(outcome.err.splitlines()) == 1
