@@ -95,7 +95,7 @@ test: $(STAMP)  ## the tests
 	@$(BIN)/python -m pytest -n auto --dist loadfile -m "not slow" --ignore tests/browser
 
 test-slow: $(STAMP)  ## the tests that take long
-	@$(BIN)/python -m pytest -n auto --dist load -m slow --ignore tests/browser
+	@$(BIN)/python -m pytest -n auto --dist loadgroup -m slow --durations 12 --ignore tests/browser
 
 test-browser: $(STAMP) $(VENV)/.with-browser  ## the tests in a headless Chromium; screenshots in build/browser
 	@{ command -v chromium || command -v google-chrome; } > /dev/null || $(CHROMIUM_INSTALL)

@@ -189,6 +189,7 @@ def three(tmp_path_factory):
 
 
 @pytest.mark.slow
+@pytest.mark.xdist_group("three")  # of what takes a minute to make
 def test_three_small_views_are_brought_into_one_world(three):
     _, result = three
     for name, view in result["steps"]["orient"]["learnt"]["views"].items():
@@ -200,6 +201,7 @@ def test_three_small_views_are_brought_into_one_world(three):
 
 
 @pytest.mark.slow
+@pytest.mark.xdist_group("three")  # of what takes a minute to make
 def test_the_joined_map_is_the_world_without_photographers(three):
     out, _ = three
     light, _ = io.read_measured(out / "cubemap.exr", cube=True)

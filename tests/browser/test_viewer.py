@@ -288,7 +288,7 @@ def test_temperatures_are_those_of_python(open_page, tmp_path):
         "window.temperature = temperature;</script>"
     )
     page = open_page(file)
-    page.wait_for_function("window.temperature")
+    page.wait_for_function("window.temperature !== undefined")
     found = page.evaluate(
         "([places, locus]) => places.map((xy) => temperature(xy, locus))",
         [places.tolist(), planckian_locus().tolist()],
