@@ -73,7 +73,7 @@ def of_sphere(material: str | Path, known: Path | float | None, angle_rad) -> ND
     """
     if known is None:
         return reflectance(material, angle_rad)
-    curve = dimmed(material, known) if isinstance(known, float) else near_normal(known)
+    curve = near_normal(known) if isinstance(known, Path) else dimmed(material, known)
     return measured(curve, material, angle_rad)
 
 
