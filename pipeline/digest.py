@@ -54,30 +54,38 @@ def _plain(value: Any) -> Any:
 def of_code(function: Callable[..., Any]) -> str:
     """SHA-256 of the project's code a function can reach.
 
-    That is its own source, that of helpers beside it and the values of constants, and the whole of
-    every module of ours that the names in these lead to, followed through their imports; for a
-    package with data (shaders, calibration) its data too.
+    That is its own source, that of helpers beside it in its package and the values of constants,
+    and the whole of every other module of ours that the names in these lead to, followed through
+    their imports; for a package with data (shaders, calibration) its data too.
     """
     parts: dict[str, str] = {}
     reached: set[str] = set()
     waiting = [function]
     while waiting:
         beside = waiting.pop()
-        parts[beside.__name__] = inspect.getsource(beside)
-        for name in _names_in(beside.__code__) & function.__globals__.keys():
-            value = function.__globals__[name]
+        parts[_full_name(beside)] = inspect.getsource(beside)
+        for name in _names_in(beside.__code__) & beside.__globals__.keys():
+            value = beside.__globals__[name]
             if isinstance(value, ModuleType):
                 reached |= _closure(value.__name__)
             elif type(value).__module__ in ("builtins", "numpy") and not callable(value):
-                parts[name] = of_values(value)
-            elif getattr(value, "__module__", None) != function.__module__:
+                parts[f"{beside.__module__}.{name}"] = of_values(value)
+            elif _package_of(value) != _package_of(function):
                 reached |= _closure(getattr(value, "__module__", None) or "")
             elif inspect.isclass(value):
-                parts[name] = inspect.getsource(value)
-            elif callable(value) and name not in parts:
+                parts[_full_name(value)] = inspect.getsource(value)
+            elif callable(value) and _full_name(value) not in parts:
                 waiting.append(inspect.unwrap(value))  # a helper beside it
     told = [parts[name] for name in sorted(parts)] + [_content(m) for m in sorted(reached)]
     return hashlib.sha256("\0".join(told).encode()).hexdigest()
+
+
+def _full_name(value: Any) -> str:
+    return f"{value.__module__}.{value.__name__}"
+
+
+def _package_of(value: Any) -> str:
+    return (getattr(value, "__module__", None) or "").rpartition(".")[0]
 
 
 def _names_in(code) -> set[str]:

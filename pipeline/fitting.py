@@ -22,9 +22,9 @@ from pipeline.progress import Progress
 from pipeline.session import Light, Session, read_session
 from stages.demosaic import demosaic
 from stages.merge import merge
-from stages.scale import Lights, scale
+from stages.scale import scale
 from stages.scale import warnings as warnings_of_scale
-from stages.types import Measured
+from stages.types import Lights, Measured
 
 
 @dataclass(frozen=True)

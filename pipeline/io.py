@@ -24,9 +24,7 @@ from calibration.display import SRGB, Display, decode
 from pipeline import decoding, raw
 from pipeline.errors import InputError, Problem, fault, storing
 from pipeline.raw import Shot, utf8
-from stages.lost import Saturated
-from stages.scale import Lights
-from stages.types import Frame, Measured, Radiance
+from stages.types import Frame, Lights, Measured, Radiance, Saturated
 
 # ---------------------------------------------------------------------------------------- raw
 

@@ -33,10 +33,10 @@ from stages.demosaic import demosaic
 from stages.merge import merge
 from stages.reflect import reflect
 from stages.register import Registered, register
-from stages.scale import Lights, scale
+from stages.scale import scale
 from stages.scale import warnings as warnings_of_scale
 from stages.transform import transform
-from stages.types import Measured
+from stages.types import Lights, Measured
 
 # M_R takes signals over the white's to reflectance, so 1 in all bands is the white's: of any card,
 # and of a fit that leans to small values for the sake of noise.

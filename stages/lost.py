@@ -15,25 +15,11 @@ from numpy.typing import NDArray
 from stages.align import Alignment
 from stages.cube import solid_angles
 from stages.mirror import Array, Sphere
-from stages.types import Float, Measured
+from stages.types import Float, Measured, Saturated
 from stages.unwrap import unwrap
 
 _RIM_PX = 1.0  # nearer the rim than that nothing counts in `unwrap` either
 WORTH_A_WARNING = 1e-3  # of all light, by its lower bound: what is really there may be far more
-
-
-@dataclass(frozen=True)
-class Saturated:
-    """What is kept of a merged bracket about its lost samples.
-
-    lost      (H, W) bool, saturated in every exposure
-    at_least  (2, 2) per CFA position, what light must exceed for that
-    cfa       (2, 2) int, colour 0 red, 1 green, 2 blue
-    """
-
-    lost: NDArray[np.bool_]
-    at_least: NDArray[np.float64]
-    cfa: NDArray[np.int_]
 
 
 @dataclass(frozen=True)

@@ -7,28 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stages.types import Radiance
+from stages.types import Lights, Radiance
 
 NOTHING = 1e-6  # squared log light by which brackets stray from any tags, ratios being uncertain
 WORTH_A_WARNING = 0.01  # of one filter's scale against another's
-
-
-@dataclass(frozen=True)
-class Lights:
-    """Light (K,) of a bracket's exposures: as tagged, of the true shutter series, as solved.
-
-    What is solved are ratios. The scale, which no ratio knows, is that of the tags or of the
-    series, whichever fits this bracket better.
-    """
-
-    tagged: tuple[float, ...]
-    series: tuple[float, ...]
-    solved: tuple[float, ...]
-    alike: tuple[int, ...]
-
-    @classmethod
-    def of(cls, radiance: Radiance) -> Lights:
-        return cls(radiance.tagged, radiance.series, radiance.solved, radiance.alike)
 
 
 @dataclass(frozen=True)

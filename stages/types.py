@@ -119,3 +119,35 @@ class Radiance:
             defective=self.defective | found,
             moved=self.moved & ~found,
         )
+
+
+@dataclass(frozen=True)
+class Saturated:
+    """What is kept of a merged bracket about its lost samples.
+
+    lost      (H, W) bool, saturated in every exposure
+    at_least  (2, 2) per CFA position, what light must exceed for that
+    cfa       (2, 2) int, colour 0 red, 1 green, 2 blue
+    """
+
+    lost: NDArray[np.bool_]
+    at_least: NDArray[np.float64]
+    cfa: NDArray[np.int_]
+
+
+@dataclass(frozen=True)
+class Lights:
+    """Light (K,) of a bracket's exposures: as tagged, of the true shutter series, as solved.
+
+    What is solved are ratios. The scale, which no ratio knows, is that of the tags or of the
+    series, whichever fits this bracket better.
+    """
+
+    tagged: tuple[float, ...]
+    series: tuple[float, ...]
+    solved: tuple[float, ...]
+    alike: tuple[int, ...]
+
+    @classmethod
+    def of(cls, radiance: Radiance) -> Lights:
+        return cls(radiance.tagged, radiance.series, radiance.solved, radiance.alike)

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline import digest, steps
-from pipeline.steps import STEPS
+from pipeline import digest
+from pipeline.steps import STEPS, colour, maps
 
 ROOT = Path(__file__).parent.parent
 PROGRAM = (
@@ -57,16 +57,20 @@ def test_a_step_depends_on_its_stage_and_what_that_uses(reached):
 
 
 def test_a_step_depends_on_what_helpers_beside_it_use(reached):
-    assert "stages.region" in reached("align")  # through _read_region alone
+    assert "stages.region" in reached("align")  # through read_region alone
+    assert "stages.mirror" not in reached("scale")  # read_sphere lies beside what that uses
 
 
 @pytest.mark.parametrize(
-    ("constant", "run"),
-    [("_LATLONG", steps._export), ("BAYER_NOISE_CORRELATION", steps._transform)],
+    ("module", "constant", "run"),
+    [
+        (maps, "LATLONG", maps.run_export),
+        (colour, "BAYER_NOISE_CORRELATION", colour.run_transform),
+    ],
 )
-def test_a_step_depends_on_constants(constant, run, monkeypatch):
+def test_a_step_depends_on_constants(module, constant, run, monkeypatch):
     before = digest.of_code(run)
-    monkeypatch.setattr(steps, constant, "another")
+    monkeypatch.setattr(module, constant, "another")
     assert digest.of_code(run) != before
 
 

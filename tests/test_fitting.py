@@ -15,7 +15,7 @@ from chart_photograph import photograph as chart_photograph
 from calibration import chart, fit, primaries, sets
 from calibration.spectra import WAVELENGTHS, Spectra, write_spectra
 from pipeline import fitting
-from stages.scale import Lights
+from stages.types import Lights
 
 LIGHTS = ("A", "D50", "D65", "F2", "F11")
 PATCH_PX, COLUMNS, ROWS = 20, 6, 4

@@ -5,9 +5,9 @@ import pytest
 
 from stages.align import Alignment
 from stages.cube import directions, solid_angles
-from stages.lost import Saturated, lost, lost_share, taken, warnings
+from stages.lost import lost, lost_share, taken, warnings
 from stages.mirror import Sphere
-from stages.types import Measured
+from stages.types import Measured, Saturated
 
 SPHERE = Sphere.from_rim(
     161.0, 149.0, 130.0, radius_mm=50.0, principal_px=(165.0, 155.0), distance_mm=900.0

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from stages.merge import InMemory, merge
-from stages.scale import Lights, scale, scaled, warnings
+from stages.scale import scale, scaled, warnings
+from stages.types import Lights
 from tests.test_merge import expose, steps_of_light
 
 ELECTRONIC = {"cyan": (1 / 60, 1 / 15), "yellow": (1 / 500, 1 / 60, 1 / 15)}
