@@ -1,11 +1,11 @@
 """Kills runs at random moments, and looks at what they leave.
 
-    python -m benchmarks.kills [COUNT] [--seed N] [--whole]
+    python -m benchmarks.kills [COUNT] [--seed N] [--capture DIR]
 
 After each SIGKILL every result that stands must be, byte for byte, what an undisturbed run makes,
 and `sixlight verify` must say what is missing, or that nothing is; the next run goes on from there.
-Once one has come through, `verify` must hold, and the folder is emptied for the next. The capture
-is the tests' small one, without a calibration unless --whole is given.
+Once one has come through, `verify` must hold, and the folder is emptied for the next. Runs are over
+the tests' small capture, whose kills come quickly, or over that of --capture.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def kill(capture: Path, folder: Path, count: int, seed: int, *options: str) -> O
     run = _started(context, capture, calm, options)
     run.join()
     assert run.exitcode == 0, "an undisturbed run failed"
-    seconds, expected = time.monotonic() - began, _results(calm)
+    seconds, expected = time.monotonic() - began, made(calm)
     kills = through = named = 0
     wrong: list[str] = []
     while kills < count:
@@ -72,25 +72,25 @@ def kill(capture: Path, folder: Path, count: int, seed: int, *options: str) -> O
             os.kill(run.pid, signal.SIGKILL)
         run.join()
         wrong += _differing(out, expected, f"kill {kills}")
-        problems = _problems(out)
+        missing = problems(out)
         if alive:
             kills += 1
-            named += bool(problems)
+            named += bool(missing)
             # What a kill leaves is what steps did not come to: never a file that is there, but not
             # what its stamp says, but for the moment between a file's move and its stamp's.
-            if problems == [] and _results(out).keys() != expected.keys():
+            if missing == [] and made(out).keys() != expected.keys():
                 wrong.append(f"kill {kills}: verify holds over missing results")
             continue
         through += 1
         if run.exitcode != 0:
             wrong.append(f"a run after kill {kills} ended with status {run.exitcode}")
-        wrong += [f"after kill {kills}, through: {p}" for p in problems or ()]
-        if _results(out) != expected:
+        wrong += [f"after kill {kills}, through: {p}" for p in missing or ()]
+        if made(out) != expected:
             wrong.append(f"after kill {kills} a run came through, but not with all results")
         shutil.rmtree(out)
     last = _started(context, capture, out, options)
     last.join()
-    if last.exitcode != 0 or _results(out) != expected or _problems(out):
+    if last.exitcode != 0 or made(out) != expected or problems(out):
         wrong.append("the run after the last kill did not end as an undisturbed one")
     return Outcome(kills, through, named, tuple(wrong))
 
@@ -109,8 +109,8 @@ def _envmap(capture: Path, out: Path, options: tuple[str, ...]) -> None:
     sys.exit(cli.status(["envmap", str(capture), "-o", str(out), "--quiet", *options]))
 
 
-def _results(out: Path) -> dict[str, str]:
-    """Results by digest, without those that tell the time."""
+def made(out: Path) -> dict[str, str]:
+    """Results in an output folder, by digest, without those that tell the time."""
     return {
         path.name: hashlib.sha256(path.read_bytes()).hexdigest()
         for path in sorted(out.glob("*"))
@@ -121,12 +121,12 @@ def _results(out: Path) -> dict[str, str]:
 def _differing(out: Path, expected: dict[str, str], when: str) -> list[str]:
     return [
         f"{when}: {name} is not what an undisturbed run makes"
-        for name, digest in _results(out).items()
+        for name, digest in made(out).items()
         if expected.get(name) != digest
     ]
 
 
-def _problems(out: Path) -> list[str] | None:
+def problems(out: Path) -> list[str] | None:
     """What verify says; None where it says that there is nothing to verify yet."""
     try:
         return list(verify(out)["problems"])
@@ -138,16 +138,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("count", nargs="?", type=int, default=500)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--whole", action="store_true", help="with a calibration, all results")
+    parser.add_argument("--capture", type=Path, help="in place of the tests' small one")
     given = parser.parse_args()
-    sys.path.insert(0, "tests")
-    import small_capture
-
     with tempfile.TemporaryDirectory() as place:
-        capture = small_capture.make(_folder(Path(place) / "small"))
-        if not given.whole:
-            toml = capture / "capture.toml"
-            toml.write_text(toml.read_text().split("[calibration]")[0])
+        capture = given.capture or small(Path(place) / "small")
         began = time.monotonic()
         done = kill(capture, _folder(Path(place) / "outs"), given.count, given.seed)
     print(
@@ -157,6 +151,14 @@ def main() -> int:
     for line in done.wrong:
         print(line)
     return 1 if done.wrong else 0
+
+
+def small(folder: Path) -> Path:
+    """The tests' small capture, written to a new folder."""
+    sys.path.insert(0, "tests")
+    import small_capture
+
+    return small_capture.make(_folder(folder))
 
 
 def _folder(path: Path) -> Path:
