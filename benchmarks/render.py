@@ -28,7 +28,7 @@ from stages import opengl, scenes, shadows
 from stages.light import Light, Parts, light
 from stages.meshes import sphere
 from stages.prefilter import mean
-from stages.preview import draw_times, preview, sequence
+from stages.preview import Drawing, draw_times, preview, sequence
 from stages.scene import Camera, Material, Scene
 from stages.trichromatic import SPACES, Trichromatic
 
@@ -164,7 +164,7 @@ def drawn(
         picks = np.eye(channels)[first : first + 3]
         with closing(
             sequence(
-                environment, picks, todo, width=SIZE, height=SIZE, samples=samples, supersampling=1
+                environment, picks, todo, Drawing(SIZE, SIZE, samples=samples, supersampling=1)
             )
         ) as pictures:
             for part, picture in zip(parts, pictures, strict=True):
@@ -308,13 +308,8 @@ def _at_equal_error() -> Iterator[Figure]:
 def _cpu_seconds(environment: Light, matrix, scene: Scene, samples: int, count: int = 3) -> float:
     """CPU seconds of one picture, programs and uploads done: the least of a few."""
     took = []
-    settings: dict[str, Any] = {
-        "width": SIZE,
-        "height": SIZE,
-        "samples": samples,
-        "supersampling": 1,
-    }
-    with closing(sequence(environment, matrix, [scene] * (count + 1), **settings)) as pictures:
+    how = Drawing(SIZE, SIZE, samples=samples, supersampling=1)
+    with closing(sequence(environment, matrix, [scene] * (count + 1), how)) as pictures:
         next(pictures)
         for _ in range(count):
             began = time.process_time()
@@ -390,8 +385,8 @@ def _metamers(fireflies: Fireflies) -> Iterator[Figure]:
         shown = [in_channels(way, world, ball(paint, gloss, 0.2)) for paint in paints]
         cube, matrix, _ = shown[0]
         todo = [scene for _, _, scene in shown]
-        settings: dict[str, Any] = {"width": SIZE, "height": SIZE, "supersampling": 1}
-        with closing(sequence(cube, matrix, todo, **settings)) as drawn_:
+        how = Drawing(SIZE, SIZE, supersampling=1)
+        with closing(sequence(cube, matrix, todo, how)) as drawn_:
             both = list(drawn_)
         for picture in both:
             fireflies.look_at(picture[..., 1], _inside(SIZE))
@@ -501,9 +496,9 @@ def _at_the_rays(cube, matrix, scene: Scene, width: int, height: int):
     They make highlights as broad as a pixel sees them, the reference does not: so theirs is drawn
     with pixels a fifth as wide, of which every fifth is the middle of one of these.
     """
-    size = {"width": FINER * width, "height": FINER * height, "supersampling": 1}
     shade = shadows.shade(scene, cube)
-    picture = preview(cube, matrix, scene, shade=shade, quality=4.0, **size)
+    how = Drawing(FINER * width, FINER * height, quality=4.0, supersampling=1)
+    picture = preview(cube, matrix, scene, how, shade=shade)
     return picture[FINER // 2 :: FINER, FINER // 2 :: FINER].astype(np.float64)
 
 
@@ -596,7 +591,7 @@ def _teapot_in_six():
 def _the_same_twice() -> Figure:
     cube, matrix, scene = _teapot_in_six()
     shade = shadows.shade(scene, cube)
-    first, second = (preview(cube, matrix, scene, shade=shade, width=160, height=120) for _ in "ab")
+    first, second = (preview(cube, matrix, scene, Drawing(160, 120), shade=shade) for _ in "ab")
     differing = int((first.view(np.uint32) != second.view(np.uint32)).any(axis=-1).sum())
     return Figure("pixels that differ when rendered again", differing, "pixels", high=0)
 
@@ -607,8 +602,7 @@ def _frame_times() -> Iterator[Figure]:
     environment = light(cube)
     shade = shadows.shade(scene, cube)
     for device in opengl.devices():
-        times = draw_times(
-            environment, matrix, scene, 3, shade=shade, width=512, height=512, device=device.number
-        )
+        how = Drawing(512, 512, device=device.number)
+        times = draw_times(environment, matrix, scene, 3, how, shade=shade)
         name = f"a frame of 512 x 512, {device.renderer[:32]}"
         yield Figure(name, 1000 * float(np.median(times)), "ms")

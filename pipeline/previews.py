@@ -24,7 +24,7 @@ from stages import cube, shadows
 from stages.fill import fill
 from stages.light import light as prepare
 from stages.prefilter import mean
-from stages.preview import sequence, side_by_side
+from stages.preview import Drawing, sequence, side_by_side
 from stages.scene import BRDFS, Scene, turned
 from stages.trichromatic import SPACES, Trichromatic
 from stages.types import Float, Measured
@@ -182,7 +182,10 @@ def _frames(
     scenes, angles  the first scene turned by each angle, cameras wherever
     """
     where: dict[str, Any] = {"device": rendering.device, "backend": rendering.backend}
-    width, height = _size(composition, rendering)
+    quality = QUALITIES[rendering.quality]
+    how = Drawing(
+        *_size(composition, rendering), samples=rendering.samples, quality=quality, **where
+    )
     seen = None if composition.alone else shadows.sight(scenes[0], **where)
 
     def shaded(scenes, prepared, seen: shadows.Sight):
@@ -202,12 +205,8 @@ def _frames(
             prepared,
             matrix,
             theirs,
+            how,
             shades=None if seen is None else shaded(theirs, prepared, seen),
-            width=width,
-            height=height,
-            samples=rendering.samples,
-            quality=QUALITIES[rendering.quality],
-            **where,
         )
     return drawn
 

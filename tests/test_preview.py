@@ -8,11 +8,10 @@ import pytest
 import shaders
 from calibration.errors import InputError
 from stages import cube as cubes
-from stages import opengl
-from stages import preview as module
+from stages import opengl, renderer
 from stages.meshes import revolved, sphere
 from stages.prefilter import area_average
-from stages.preview import draw_times, preview, sequence, side_by_side
+from stages.preview import Drawing, draw_times, preview, sequence, side_by_side
 from stages.scene import BRDFS, Camera, Material, Mesh, Scene
 from stages.shadows import shade
 
@@ -59,7 +58,7 @@ def rays(camera, width, height):
 def test_glsl_and_numpy_see_the_same_cube(axis):
     world = asymmetric(16)
     camera = Camera((0.0, 0.0, 0.0), axis, 100.0)
-    seen = preview(world, np.eye(3), Scene((), camera), width=30, height=20, supersampling=1)
+    seen = preview(world, np.eye(3), Scene((), camera), Drawing(30, 20, supersampling=1))
     d = rays(camera, 30, 20)
     # within half a texel of a corner of the cube three texels meet, and each has its own rule
     _, u, v = cubes.face_positions(d)
@@ -71,12 +70,12 @@ def test_glsl_and_numpy_see_the_same_cube(axis):
 def test_a_white_diffuser_in_a_uniform_world_is_exactly_white():
     world = np.ones((6, 8, 8, 6), np.float32)
     things = ((sphere(segments=32), material(1.0)),)
-    picture = preview(world, XYZ_FROM_SIX, Scene(things, CAMERA), width=24, height=24)
+    picture = preview(world, XYZ_FROM_SIX, Scene(things, CAMERA), Drawing(24, 24))
     white = XYZ_FROM_SIX.sum(axis=1)
     np.testing.assert_allclose(picture, np.broadcast_to(white, picture.shape), rtol=2e-3)
     # and not because there is nothing but background
     grey = ((sphere(segments=32), material(0.5)),)
-    picture = preview(world, XYZ_FROM_SIX, Scene(grey, CAMERA), width=24, height=24)
+    picture = preview(world, XYZ_FROM_SIX, Scene(grey, CAMERA), Drawing(24, 24))
     np.testing.assert_allclose(picture[12, 12], white / 2, rtol=1e-5)
 
 
@@ -86,9 +85,9 @@ def test_any_number_of_channels_comes_to_the_same_xyz(channels):
     world = np.repeat(asymmetric(8, 1), channels, axis=-1)
     matrix = np.outer([0.9, 1.0, 1.1], np.full(channels, 1 / channels))
     scene = Scene(((sphere(segments=16), material(0.3, 0.2, channels=channels)),), CAMERA)
-    picture = preview(world, matrix, scene, width=16, height=16)
+    picture = preview(world, matrix, scene, Drawing(16, 16))
     single = Scene(((sphere(segments=16), material(0.3, 0.2, channels=1)),), CAMERA)
-    expected = preview(world[..., :1], matrix.sum(axis=1)[:, None], single, width=16, height=16)
+    expected = preview(world[..., :1], matrix.sum(axis=1)[:, None], single, Drawing(16, 16))
     np.testing.assert_allclose(picture, expected, rtol=1e-4)
 
 
@@ -126,9 +125,7 @@ def test_gloss_agrees_with_plain_quadrature_over_the_sphere(brdf, alpha):
     # many pixels: a pixel's share of the curvature, which roughens it, is then small
     size, camera = 256, Camera((0.0, 0.0, 40.0), (0.0, 0.0, 0.0), 3.4)
     scene = Scene(((sphere(segments=128), shiny),), camera)
-    picture = preview(
-        world, XYZ_FROM_SIX, scene, width=size, height=size, supersampling=1, samples=64
-    )
+    picture = preview(world, XYZ_FROM_SIX, scene, Drawing(size, size, supersampling=1, samples=64))
 
     light = cubes.directions(64).reshape(-1, 3)
     power = (world * cubes.solid_angles(64)[..., None]).reshape(-1, 6)
@@ -152,7 +149,7 @@ def test_a_polished_ball_mirrors_the_world():
     world = asymmetric(64)
     size, camera = 256, Camera((0.0, 0.0, 40.0), (0.0, 0.0, 0.0), 3.4)
     scene = Scene(((sphere(segments=128), material(0.0, 1.0, 0.01, channels=3)),), camera)
-    picture = preview(world, np.eye(3), scene, width=size, height=size, supersampling=1, samples=8)
+    picture = preview(world, np.eye(3), scene, Drawing(size, size, supersampling=1, samples=8))
     for row, column in 8 * np.array(PLACES):
         ray = rays(camera, size, size)[row, column]
         eye = np.array(camera.eye)
@@ -171,7 +168,7 @@ def test_bounded_ward_keeps_a_white_world_where_the_old_one_darkens():
     seen = {}
     for brdf in BRDFS:
         scene = Scene(((flat, material(0.0, 1.0, 0.05, 3, brdf)),), grazing)
-        seen[brdf] = preview(world, np.eye(3), scene, width=8, height=8)[4, 4, 1]
+        seen[brdf] = preview(world, np.eye(3), scene, Drawing(8, 8))[4, 4, 1]
     assert 0.85 < seen["ward"] <= 1.001
     assert seen["ward1992"] < 0.9 * seen["ward"]
 
@@ -183,7 +180,7 @@ def test_a_small_bright_lamp_gives_a_smooth_highlight():
     world[np.degrees(np.arccos(np.clip(cubes.directions(64) @ lamp, -1, 1))) < 1] = 1000
     for alpha in (0.08, 0.25):
         ball = Scene(((sphere(segments=96), material(0.0, 0.05, alpha, channels=3)),), CAMERA)
-        picture = preview(world, np.eye(3), ball, width=48, height=48, supersampling=1)[..., 1]
+        picture = preview(world, np.eye(3), ball, Drawing(48, 48, supersampling=1))[..., 1]
         inside = picture[10:38, 10:38]
         assert inside.max() > 2 * np.median(inside)
         # one hill: along each row up to its top, then down, but for 3 % of the top
@@ -196,7 +193,7 @@ def test_a_small_bright_lamp_gives_a_smooth_highlight():
 
 def test_a_lamp_beyond_half_float_is_not_lost():
     world = np.full((6, 8, 8, 3), 1e6, np.float32)
-    picture = preview(world, np.eye(3), Scene((), CAMERA), width=4, height=4)
+    picture = preview(world, np.eye(3), Scene((), CAMERA), Drawing(4, 4))
     np.testing.assert_allclose(picture, 1e6, rtol=1e-5)
 
 
@@ -205,7 +202,7 @@ def test_left_is_left_on_a_lit_thing():
     world[1, ..., 2] = 1  # blue from -X
     world[0, ..., 0] = 1  # red from +X
     scene = Scene(((sphere(segments=32), material(0.8, channels=3)),), CAMERA)
-    picture = preview(world, np.eye(3), scene, width=32, height=32)
+    picture = preview(world, np.eye(3), scene, Drawing(32, 32))
     assert picture[16, 8, 2] > 3 * picture[16, 8, 0]
     assert picture[16, 24, 0] > 3 * picture[16, 24, 2]
 
@@ -213,14 +210,14 @@ def test_left_is_left_on_a_lit_thing():
 def test_the_same_picture_twice_is_the_same_bit_for_bit():
     world = area_average(asymmetric(32, 6), 16)
     scene = Scene(((sphere(segments=24), material(0.4, 0.1)),), CAMERA)
-    first, second = (preview(world, XYZ_FROM_SIX, scene, width=24, height=16) for _ in range(2))
+    first, second = (preview(world, XYZ_FROM_SIX, scene, Drawing(24, 16)) for _ in range(2))
     assert first.tobytes() == second.tobytes()
 
 
 def test_without_opengl_the_user_is_told_what_to_install(monkeypatch):
     monkeypatch.setattr(opengl, "_LIBEGL", "libEGL-not-there.so")
     with pytest.raises(InputError, match=r"OpenGL is not available.*apt-get install"):
-        preview(np.ones((6, 2, 2, 3), np.float32), np.eye(3), Scene((), CAMERA))
+        preview(np.ones((6, 2, 2, 3), np.float32), np.eye(3), Scene((), CAMERA), Drawing())
 
 
 def test_pictures_stand_side_by_side_with_their_captions():
@@ -255,7 +252,7 @@ def test_brushed_metal_agrees_with_quadrature():
     world = asymmetric(64, 3)
     brushed = Material(np.zeros(3), np.ones(3), (0.1, 0.3))
     scene, places = ball_seen_from_afar(brushed, tangents=around)
-    picture = preview(world, np.eye(3), scene, width=256, height=256, supersampling=1, samples=64)
+    picture = preview(world, np.eye(3), scene, Drawing(256, 256, supersampling=1, samples=64))
     light = cubes.directions(64).reshape(-1, 3)
     power = (world * cubes.solid_angles(64)[..., None]).reshape(-1, 3)
     errors = []
@@ -273,7 +270,7 @@ def test_brushed_metal_agrees_with_quadrature():
     # and the brush matters: the other way round it is another picture
     across = replace(brushed, roughness=(0.3, 0.1))
     scene, _ = ball_seen_from_afar(across, tangents=around)
-    other = preview(world, np.eye(3), scene, width=256, height=256, supersampling=1, samples=64)
+    other = preview(world, np.eye(3), scene, Drawing(256, 256, supersampling=1, samples=64))
     assert np.abs(other - picture).max() > 0.05 * picture.max()
 
 
@@ -283,7 +280,7 @@ def test_reflectance_by_angle_is_looked_up_on_the_facets():
     table = np.stack([0.04 + 0.96 * (1 - cosine) ** 5, 0.5 + 0 * cosine, cosine], axis=1)
     world = np.ones((6, 16, 16, 3), np.float32)
     scene, places = ball_seen_from_afar(Material(np.zeros(3), table, 0.02))
-    picture = preview(world, np.eye(3), scene, width=256, height=256, supersampling=1)
+    picture = preview(world, np.eye(3), scene, Drawing(256, 256, supersampling=1))
     for (row, column), (n, v) in zip(8 * np.array(PLACES), places, strict=True):
         expected = [np.interp(n @ v, cosine[::-1], channel[::-1]) for channel in table.T]
         np.testing.assert_allclose(picture[row, column], expected, atol=0.006)
@@ -305,8 +302,8 @@ def test_an_image_of_reflectances_lies_as_its_uv_say():
     printed = replace(material(0.0), image=blocks)
     camera = Camera((0.0, 0.0, 10.0), (0.0, 0.0, 0.0), float(np.degrees(2 * np.arctan(0.1))))
     world = np.ones((6, 8, 8, 6), np.float32)
-    picture = preview(world, np.eye(6)[[0, 2, 5]], Scene(((mesh, printed),), camera),
-                      width=64, height=64)  # fmt: skip
+    scene = Scene(((mesh, printed),), camera)
+    picture = preview(world, np.eye(6)[[0, 2, 5]], scene, Drawing(64, 64))
     seen = picture.reshape(2, 32, 4, 16, 3)[:, 8:24, :, 4:12].mean(axis=(1, 3))
     np.testing.assert_allclose(seen, image[..., [0, 2, 5]], atol=2e-3)
 
@@ -323,7 +320,7 @@ def test_an_image_far_away_is_its_mean():
     printed = replace(material(0.0, channels=3), image=np.repeat(board[..., None], 3, axis=-1))
     camera = Camera((0.0, 0.0, 10.0), (0.0, 0.0, 0.0), 12.0)
     world = np.ones((6, 8, 8, 3), np.float32)
-    picture = preview(world, np.eye(3), Scene(((mesh, printed),), camera), width=48, height=48)
+    picture = preview(world, np.eye(3), Scene(((mesh, printed),), camera), Drawing(48, 48))
     np.testing.assert_allclose(picture[14:34, 14:34], 0.5, atol=1e-3)
 
 
@@ -331,18 +328,18 @@ def test_frames_of_a_sequence_are_the_pictures_by_themselves():
     world = asymmetric(16, 6)
     scenes = [Scene(((sphere(segments=16), material(0.4, 0.1)),), replace(CAMERA, eye=eye))
               for eye in ((0.0, 0.0, 6.0), (6.0, 0.0, 0.0))]  # fmt: skip
-    frames = list(sequence(world, XYZ_FROM_SIX, iter(scenes), width=24, height=16))
+    frames = list(sequence(world, XYZ_FROM_SIX, iter(scenes), Drawing(24, 16)))
     for scene, frame in zip(scenes, frames, strict=True):
-        alone = preview(world, XYZ_FROM_SIX, scene, width=24, height=16)
+        alone = preview(world, XYZ_FROM_SIX, scene, Drawing(24, 16))
         assert frame.tobytes() == alone.tobytes()
 
 
 def test_a_picture_drawn_in_tiles_is_the_picture(monkeypatch):
     world = asymmetric(16, 6)
     scene = Scene(((sphere(segments=24), material(0.4, 0.1)),), CAMERA)
-    whole = preview(world, XYZ_FROM_SIX, scene, width=40, height=24)
-    monkeypatch.setattr(module, "_TILE", 32)
-    tiles = preview(world, XYZ_FROM_SIX, scene, width=40, height=24)
+    whole = preview(world, XYZ_FROM_SIX, scene, Drawing(40, 24))
+    monkeypatch.setattr(renderer, "_TILE", 32)
+    tiles = preview(world, XYZ_FROM_SIX, scene, Drawing(40, 24))
     np.testing.assert_allclose(tiles, whole, rtol=1e-4, atol=1e-5)
 
 
@@ -356,9 +353,9 @@ def test_what_is_hidden_is_not_mirrored():
     camera = Camera((0.0, 1.5, 6.0), (0.0, 0.0, 0.6), 8.0)
     scene = Scene(((floor, mirror), (ball, black)), camera)
     world = np.ones((6, 8, 8, 3), np.float32)
-    size = {"width": 16, "height": 16}
-    open_sky = preview(world, np.eye(3), scene, **size)[10, 8, 1]
-    hidden = preview(world, np.eye(3), scene, shade=shade(scene, world), **size)[10, 8, 1]
+    how = Drawing(16, 16)
+    open_sky = preview(world, np.eye(3), scene, how)[10, 8, 1]
+    hidden = preview(world, np.eye(3), scene, how, shade=shade(scene, world))[10, 8, 1]
     assert open_sky > 0.8
     assert hidden < 0.4 * open_sky
 
@@ -368,7 +365,7 @@ def test_a_map_with_holes_is_refused(spoilt):
     world = np.ones((6, 4, 4, 3), np.float32)
     world[2, 1, 1, 0] = spoilt
     with pytest.raises(InputError, match="1 texels of the map are not numbers"):
-        preview(world, np.eye(3), Scene((), CAMERA))
+        preview(world, np.eye(3), Scene((), CAMERA), Drawing())
 
 
 @pytest.mark.parametrize(
@@ -386,7 +383,9 @@ def test_a_material_that_cannot_be_shown_is_refused_in_one_line(changes, said):
     odd = replace(material(0.5, channels=3), **changes)
     bare = replace(sphere(segments=8), uv=None, tangents=None)
     with pytest.raises(InputError, match=said) as caught:
-        preview(np.ones((6, 4, 4, 3), np.float32), np.eye(3), Scene(((bare, odd),), CAMERA))
+        preview(
+            np.ones((6, 4, 4, 3), np.float32), np.eye(3), Scene(((bare, odd),), CAMERA), Drawing()
+        )
     assert "\n" not in str(caught.value)
 
 
@@ -396,12 +395,14 @@ def test_the_device_is_chosen_by_number():
     assert found[0].renderer
     beyond = len(found)
     with pytest.raises(InputError, match=f"no OpenGL device {beyond}"):
-        preview(np.ones((6, 2, 2, 3), np.float32), np.eye(3), Scene((), CAMERA), device=beyond)
+        preview(
+            np.ones((6, 2, 2, 3), np.float32), np.eye(3), Scene((), CAMERA), Drawing(device=beyond)
+        )
 
 
 def test_drawing_is_timed_by_the_device():
     scene = Scene(((sphere(segments=16), material(0.4, 0.1)),), CAMERA)
-    times = draw_times(asymmetric(8, 6), XYZ_FROM_SIX, scene, 3, width=32, height=32)
+    times = draw_times(asymmetric(8, 6), XYZ_FROM_SIX, scene, 3, Drawing(32, 32))
     assert len(times) == 3
     assert all(0 < seconds < 60 for seconds in times)
 
@@ -410,14 +411,14 @@ def test_browsers_see_the_same_picture(monkeypatch):
     world = asymmetric(16, 6)
     table = np.linspace(0.1, 0.9, 8)[:, None] * np.ones(6)
     scene = Scene(((sphere(segments=24), Material(np.full(6, 0.4), table, 0.2)),), CAMERA)
-    desktop = preview(world, XYZ_FROM_SIX, scene, width=32, height=32)
+    desktop = preview(world, XYZ_FROM_SIX, scene, Drawing(32, 32))
     as_desktop = shaders.program
 
     def as_browser(*arguments, **options):
         return as_desktop(*arguments, version=shaders.ES_VERSION, **options)
 
     monkeypatch.setattr(shaders, "program", as_browser)
-    browser = preview(world, XYZ_FROM_SIX, scene, width=32, height=32)
+    browser = preview(world, XYZ_FROM_SIX, scene, Drawing(32, 32))
     np.testing.assert_allclose(browser, desktop, rtol=1e-5)
 
 
@@ -429,8 +430,9 @@ def test_a_lamp_lights_a_matt_ball_up_to_a_sharp_terminator():
     flux = (3000.0 - 0.1) * cubes.solid_angles(64)[20, 40]
     ball = (sphere(segments=128), material(0.8, channels=3))
     size, camera = 96, Camera((0.0, 0.0, 40.0), (0.0, 0.0, 0.0), 3.4)
-    options = {"width": size, "height": size, "supersampling": 1}
-    picture = preview(world, np.eye(3), Scene((ball,), camera), **options)
+    picture = preview(
+        world, np.eye(3), Scene((ball,), camera), Drawing(size, size, supersampling=1)
+    )
     d = rays(camera, size, size)
     along = -(d @ camera.eye)
     inside = along**2 - (40.0**2 - 1.0)

@@ -9,7 +9,8 @@ from calibration.display import SHOULDER, SRGB, show
 from stages import cube
 from stages.layouts import LATLONG
 from stages.opengl import cube_texture, opengl, program, set_uniforms
-from stages.preview import _reduced, bind
+from stages.preview import _reduced
+from stages.renderer import bind
 
 
 @pytest.fixture(scope="module")

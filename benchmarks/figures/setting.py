@@ -21,7 +21,7 @@ from stages import cube as cubes
 from stages.light import Light
 from stages.light import light as prepare
 from stages.prefilter import irradiance, mean
-from stages.preview import sequence
+from stages.preview import Drawing, sequence
 from stages.scene import Scene
 from stages.shadows import Sight, shade
 from stages.trichromatic import Trichromatic
@@ -103,7 +103,7 @@ class Setting:
         shades = None
         if sights is not None:
             shades = [shade(s, light, sight=seen) for s, seen in zip(several, sights, strict=True)]
-        return list(sequence(light, matrix, several, shades=shades, width=width, height=height))
+        return list(sequence(light, matrix, several, Drawing(width, height), shades=shades))
 
     def _prepared(self, way: str, three: Trichromatic | None) -> Light:
         if way not in self._lights:

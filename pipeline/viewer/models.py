@@ -13,7 +13,7 @@ from pipeline.materials import Maker
 from pipeline.viewer.packing import Pack
 from stages.light import form
 from stages.meshes import sphere
-from stages.preview import by_root, samples_of
+from stages.renderer import by_root, samples_of
 from stages.scene import Material, Mesh
 from stages.scenes import on_stand, teapot
 from stages.types import Float

@@ -25,7 +25,7 @@ from stages.layouts import LATLONG
 from stages.light import light as prepare
 from stages.meshes import sphere
 from stages.prefilter import mean
-from stages.preview import preview
+from stages.preview import Drawing, preview
 from stages.scene import Camera, Scene, turned
 from stages.scenes import on_stand, teapot
 from stages.trichromatic import Trichromatic
@@ -100,7 +100,7 @@ def reference(room, after: str, size):
         )
     samples = said.get("samples")
     xyz = preview(
-        prepared, matrix, scene, width=size[0], height=size[1], samples=samples and int(samples)
+        prepared, matrix, scene, Drawing(size[0], size[1], samples=samples and int(samples))
     )
     return _displayed(xyz, said, white)
 
@@ -331,7 +331,7 @@ def test_a_spot_of_the_model_reads_as_rendered(viewer, room):
     width, height = page.evaluate("[picture.width, picture.height]")
     scene = _scene(room, {}, width / height)
     matrix = room.primaries.xyz_from_primaries
-    rendered = preview(room.light, matrix, scene, width=width, height=height)
+    rendered = preview(room.light, matrix, scene, Drawing(width, height))
     pixel = rendered[int(0.78 * height), int(0.5 * width)]
     assert page.inner_text("#reading-title") == "Surface"
     assert np.allclose(xyz, pixel, rtol=0.01)
