@@ -119,15 +119,17 @@ def seeds(folder: Path) -> dict[str, bytes]:
     import small_capture
     import trimesh
 
-    from calibration import fit, primaries, transform
+    from calibration import primaries, transform
+    from calibration.fit import fit
     from calibration.spectra import to_csv
+    from calibration.training import computed
     from pipeline import io
     from stages.types import Measured
 
     rng = np.random.default_rng(0)
     small_capture.write_shot(folder / "raw.dng", rng.integers(500, 15000, (24, 32), np.uint16))
     curves = small_capture.sensitivities(), small_capture.transmittances()
-    fitted = fit.from_sensitivities(*curves, primaries=primaries.load())
+    fitted = fit(computed(*curves), primaries.load())
     cube = rng.random((6, 4, 4, 6), np.float32)
     light = Measured(cube, cube, np.ones(cube.shape[:3], np.float32))
     io.write_measured(folder / "map.exr", light, [f"P{i}" for i in range(1, 7)], {"step": "x"})

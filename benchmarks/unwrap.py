@@ -18,8 +18,10 @@ import numpy as np
 
 from benchmarks import layouts, rims, views
 from benchmarks.figure import Figure
-from calibration import fit, metals, primaries, sets
+from calibration import metals, primaries, sets
+from calibration.fit import fit
 from calibration.spectra import WAVELENGTHS, Spectra
+from calibration.training import computed
 from stages import cube
 from stages.align import Alignment
 from stages.demosaic import demosaic
@@ -202,9 +204,8 @@ def _sigma() -> Iterator[Figure]:
         photographs.append(0.9 * image @ lights @ (camera.values * glass[name][:, None]))
     sphere = Sphere(seen_by.centre, seen_by.radius, seen_by.focal_px, (150.0, 120.0))
     places = Alignment(shifts, np.ones(2), np.zeros(2))
-    to_primaries = fit.from_sensitivities(
-        camera, glass, primaries=primaries.load(), filter_names=list(filters)
-    ).matrix
+    known = computed(camera, glass, filter_names=list(filters))
+    to_primaries = fit(known, primaries.load()).matrix
     n = 64
     reflectance = np.interp(sphere.incidence_angle(cube.directions(n)), angles, steel)
     correlation = np.kron(np.eye(2), BAYER_NOISE_CORRELATION)

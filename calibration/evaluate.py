@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration import channels, fit, optimise, primaries, sets
+from calibration import channels, optimise, primaries, sets
+from calibration.bands import sensitivities
 from calibration.channels import SHARP_FROM_XYZ, Channels
 from calibration.primaries import Primaries
 from calibration.spectra import WAVELENGTHS, Spectra, join
@@ -110,7 +111,7 @@ def tables(
     surfaces, lights   to try the methods on, in place of the sets of each table
     sets_of_primaries  for every table; default: the program's own and the paper's in tables 1
                        and 2, all that ship in the others
-    camera, filters    for table 2: see `fit.sensitivities`; default `default_camera`
+    camera, filters    for table 2: see `bands.sensitivities`; default `default_camera`
     """
     few = sets_of_primaries or _few_sets()
     every = sets_of_primaries or _every_set()
@@ -186,7 +187,7 @@ def through_camera(method: Method, bands: NDArray[np.float64], kind: str) -> Met
     M_S and M_R are fitted as the paper's were: to the least CIEDE2000 of the rendered colours, on
     the surfaces that stand in for its artists' paints, without noise. For the paper's primaries
     and for three channels that is done under its 19 lights; for other sets under those that
-    `fit.from_sensitivities` takes, of which more are incandescent.
+    `training.computed` takes, of which more are incandescent.
     """
     if kind == FULL:
         return method
@@ -302,7 +303,7 @@ def _other_surfaces() -> list[Trial]:
 
 def _bands(camera: Spectra | None, filters: Spectra | None) -> NDArray[np.float64]:
     default = default_camera()
-    return fit.sensitivities(camera or default[0], filters or default[1])[1]
+    return sensitivities(camera or default[0], filters or default[1])[1]
 
 
 def _every(surfaces, lights, methods) -> Iterable[tuple[Method, Trial, Trial]]:

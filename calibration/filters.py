@@ -244,7 +244,7 @@ class _Trial:
         )
 
     def _matrices(self, bands):
-        """M_S (L, P, B) of each light from all others, and (P, B) from all: see `fit.fit`."""
+        """M_S (L, P, B) of each light from all others, and (P, B) from all."""
         left, right = self._equations(bands, self.moments)
         all_left, all_right = self._equations(bands, self.all_moments[None])
         without = np.linalg.solve(all_left - left, all_right - right)

@@ -6,7 +6,7 @@ M = T S' (S S' + N)^-1 is the best linear estimate; with N = 0 it is the pseudo-
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from calibration import sets
 from calibration.errors import InputError, Problem, fault
 from calibration.primaries import Primaries
+from calibration.training import TrainingSet
 
 # Ratio of the least to the greatest singular value of the bands, each scaled to rms 1, below
 # which some band tells nothing that the others do not: no exposure separates it from noise.
@@ -44,38 +45,28 @@ class Samples:
     names: NDArray[np.str_]
 
     @classmethod
-    def of(
-        cls,
-        signals,
-        spectra,
-        primaries: Primaries,
-        groups: Sequence[str],
-        *,
-        noise_level: float,
-        variances=None,
-        weights=None,
-        names: Sequence[str] | None = None,
-    ) -> Samples:
-        """The arguments are those of `fit.fit`; rows that are not whole are left out."""
-        signals, spectra = np.asarray(signals, np.float64), np.asarray(spectra, np.float64)
+    def of(cls, training: TrainingSet, primaries: Primaries, noise_level: float) -> Samples:
+        """A training set's samples that are whole, with the noise that a fit should expect.
+
+        noise_level  relative noise of one band of one pixel; the variances are at least its
+        """
+        lights, each, bands = training.signals.shape
+        signals = training.signals.reshape(-1, bands)
+        spectra = training.spectra.reshape(lights * each, -1)
         targets = primaries.project(spectra)
-        assert len(signals) == len(targets) == len(groups), (len(signals), len(targets))
-        expected = (noise_level * signals) ** 2
-        measured = expected if variances is None else np.asarray(variances, np.float64)
-        labels = np.asarray(groups, np.str_)
-        luminance = targets @ primaries.xyz_from_primaries[1]
-        scale = np.empty(len(labels))
-        for light in set(labels.tolist()):
-            scale[labels == light] = luminance[labels == light].max()
+        luminance = (targets @ primaries.xyz_from_primaries[1]).reshape(lights, each)
+        variances = (noise_level * signals) ** 2
+        if training.variances is not None:
+            variances = np.fmax(variances, training.variances.reshape(-1, bands))
         samples = cls(
-            signals,
-            spectra,
-            targets,
-            np.fmax(expected, measured),
-            labels,
-            np.ones(len(signals)) if weights is None else np.asarray(weights, np.float64),
-            scale,
-            np.full(len(signals), "") if names is None else np.asarray(names, np.str_),
+            signals=signals,
+            spectra=spectra,
+            targets=targets,
+            variances=variances,
+            groups=np.repeat(training.lights, each),
+            weights=np.tile(training.counts, lights),
+            scale=np.repeat(luminance.max(axis=1), each),
+            names=np.tile(training.names or ("",) * each, lights),
         )
         return samples.only(np.isfinite(signals).all(axis=1) & np.isfinite(targets).all(axis=1))
 
@@ -171,12 +162,10 @@ def _rms(signals) -> NDArray[np.float64]:
     return rms
 
 
-def check_solvable(samples: Samples, channels: tuple[str, ...], lights: Collection[str]) -> None:
-    """Refuses samples that determine no matrix.
-
-    lights  that there should be samples of
-    """
-    lost = sorted(set(lights) - set(samples.lights))
+def check_solvable(samples: Samples, training: TrainingSet) -> None:
+    """Refuses samples that determine no matrix; they are those of `training` that are whole."""
+    channels = training.channels
+    lost = sorted(set(training.lights) - set(samples.lights))
     if lost:
         raise InputError(
             Problem(

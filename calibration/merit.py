@@ -25,7 +25,7 @@ _BAND_NOISE = 0.005
 
 
 def figures(matrix, samples: Samples, primaries: Primaries, quantity: str) -> dict[str, Any]:
-    """How good a matrix is on its own samples, ready to be written; see `fit.fit`."""
+    """How good a matrix is on its own samples, ready to be written; see `calibration.fit`."""
     off = errors(matrix, samples, primaries)
     made = {
         "training_delta_e": spread(off, samples.weights),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,53 +12,7 @@ from calibration import bands, sets
 from calibration.adaptation import D65, cat02
 from calibration.difference import delta_e_2000, lab
 from calibration.primaries import Primaries
-
-
-@dataclass(frozen=True)
-class Chart:
-    """A chart as camera and spectroradiometer saw it under several lights.
-
-    lights   (L,) names          patches  (n,) names
-    signals  (L, n, B) of the camera's bands, NaN where not known
-    spectra  (L, n, 36) on WAVELENGTHS: radiance, or reflectance factors for M_R
-    """
-
-    lights: tuple[str, ...]
-    patches: tuple[str, ...]
-    signals: NDArray[np.float64]
-    spectra: NDArray[np.float64]
-
-    @classmethod
-    def of(cls, signals: Mapping[str, NDArray], spectra: Mapping[str, NDArray], patches) -> Chart:
-        """From signals (n, B) and spectra (n, 36) by light."""
-        lights = tuple(signals)
-        return cls(
-            lights,
-            tuple(patches),
-            np.stack([np.asarray(signals[light], np.float64) for light in lights]),
-            np.stack([np.asarray(spectra[light], np.float64) for light in lights]),
-        )
-
-    @property
-    def known(self) -> NDArray[np.bool_]:
-        """Which patches (L, n) are known in every band: what a fit is made from."""
-        return np.asarray(np.isfinite(self.signals).all(axis=-1))
-
-    @property
-    def white(self) -> NDArray[np.int_]:
-        """The patch (L,) that is brightest under each light, of those known."""
-        luminance = self.spectra @ sets.observer()[:, 1]
-        return np.argmax(np.where(self.known, luminance, -np.inf), axis=1)
-
-    def over_white(self) -> Chart:
-        """Signals and readings over those of each light's white: what M_R is fitted to."""
-        at = np.arange(len(self.lights)), self.white
-        return Chart(
-            self.lights,
-            self.patches,
-            self.signals / self.signals[at][:, None],
-            self.spectra / self.spectra[at][:, None],
-        )
+from calibration.training import TrainingSet
 
 
 @dataclass(frozen=True)
@@ -97,7 +51,7 @@ class Residuals:
         return [(self.patches[i], float(off[i])) for i in order if off[i] >= 0.0]
 
 
-def residuals(matrix, chart: Chart, primaries: Primaries) -> Residuals:
+def residuals(matrix, chart: TrainingSet, primaries: Primaries) -> Residuals:
     """Colours of a chart's patches as read, and as a matrix (P, B) makes them of their signals."""
     read = sets.xyz(chart.spectra)
     made = chart.signals @ (primaries.xyz_from_primaries @ matrix).T
@@ -105,10 +59,10 @@ def residuals(matrix, chart: Chart, primaries: Primaries) -> Residuals:
     for i, white in enumerate(read[np.arange(len(chart.lights)), chart.white]):
         to_d65 = cat02(white, D65) / white[1]
         read[i], made[i] = read[i] @ to_d65.T, made[i] @ to_d65.T
-    return Residuals(chart.lights, chart.patches, read, made)
+    return Residuals(chart.lights, chart.names, read, made)
 
 
-def made_curves(matrix, chart: Chart) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def made_curves(matrix, chart: TrainingSet) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Curves that spectra are weighted with on their way through camera and matrix, estimated.
 
     Where they equal the primaries' own the matrix is right for every light there is.

@@ -116,7 +116,7 @@ def fit(
     """M_S from a chart session: `sixlight fit` without its file.
 
     calibration  folder of chart photographs and radiance CSVs
-    returns      its `transform` has the matrix, with figures; `calibration.fit.write_transform`
-                 writes it
+    returns      its `transform` has the matrix, with figures; `write_transform` of
+                 `calibration.transform` writes it
     """
     return fitting.from_session(Path(calibration), primaries, method, quiet=True)

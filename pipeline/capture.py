@@ -12,8 +12,11 @@ from functools import cached_property
 from math import hypot
 from pathlib import Path
 
-from calibration import fit, metals, primaries, spectra
+from calibration import metals, primaries, spectra
 from calibration.errors import InputError, Problem, fault
+from calibration.fit import fit
+from calibration.training import computed
+from calibration.transform import Transform, matched, read_transform
 from pipeline import defaults, finished, io, masks, photographs
 from pipeline.photographs import Filter, OfSensor
 from pipeline.tables import Table, read_toml
@@ -145,14 +148,14 @@ class Capture:
         return primaries.load() if c.camera is not None else None
 
     @cached_property
-    def transform(self) -> fit.Transform | None:
+    def transform(self) -> Transform | None:
         """M_S, read or fitted from known sensitivities; None without a calibration."""
         c = self.calibration
         if self.primaries is None:
             return None
         if c.transform is not None:
             try:
-                return fit.matched(fit.read_transform(c.transform), self.bands, self.primaries)
+                return matched(read_transform(c.transform), self.bands, self.primaries)
             except InputError as error:
                 raise error.at(c.transform) from None
         assert c.camera is not None
@@ -160,19 +163,15 @@ class Capture:
         camera = spectra.read_spectra(c.camera, "power")
         filters = spectra.read_spectra(c.filters, "fraction")
         try:
-            return fit.from_sensitivities(
-                camera,
-                filters,
-                primaries=self.primaries,
-                filter_names=[f.name for f in self.filters],
-            )
+            names = [f.name for f in self.filters]
+            return fit(computed(camera, filters, filter_names=names), self.primaries)
         except InputError as error:
             raise error.at(c.filters) from None
 
 
 def _primaries_of(transform: Path) -> primaries.Primaries:
     """The named set a transform was fitted to."""
-    name = fit.read_transform(transform).primaries
+    name = read_transform(transform).primaries
     if name not in primaries.NAMES:
         raise fault(
             f"the primaries {name!r} are not a named set",

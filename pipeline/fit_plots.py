@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import chart as charts
-from calibration import fit, residuals
+from calibration import residuals
 from calibration.display import SRGB
+from calibration.merit import noise_amplification
 from calibration.spectra import WAVELENGTHS
 from pipeline.errors import InputError, Problem, storing
 from pipeline.fitting import Fitted
@@ -267,8 +268,9 @@ def _curves(fitted: Fitted):
         axes.set_ylabel("weight over\nthe primary's peak", fontsize=8)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3,
                   fontsize=8, frameon=False)  # fmt: skip
-    quantity = "light" if fitted.transform.quantity == fit.LIGHT else "reflectance"
-    figure.suptitle(f"What {quantity} is weighted with, beside the primaries", fontsize=10)
+    figure.suptitle(
+        f"What {fitted.transform.quantity} is weighted with, beside the primaries", fontsize=10
+    )
     return figure
 
 
@@ -282,7 +284,7 @@ def _noise(fitted: Fitted):
         signals = chart.signals[chart.known]
         if transform.method != "pinv":
             plain = np.linalg.lstsq(signals, fitted.primaries.project(chart.spectra[chart.known]))
-            amplified = fit.noise_amplification(plain[0].T, signals)
+            amplified = noise_amplification(plain[0].T, signals)
             bars.append(("pseudo-inverse", amplified, _ORANGE))
         _singular_values(others[0], signals, transform.noise_level)
     width = 0.8 / len(bars)

@@ -12,9 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import chart as charts
-from calibration import chart_finder, fit, primaries, residuals
+from calibration import chart_finder, primaries, residuals
 from calibration.bands import sensitivities
+from calibration.fit import METHODS, fit
 from calibration.spectra import read_spectra
+from calibration.training import TrainingSet, computed, photographed
+from calibration.transform import LIGHT, REFLECTANCE, Transform, read_transform, to_toml
 from pipeline import digest, io
 from pipeline.bracket import Bracket
 from pipeline.errors import InputError, Problem, fault, storing
@@ -37,9 +40,9 @@ class Fitted:
     bands      (36, B) known curves of the camera behind its filters; None: fitted to a chart
     """
 
-    transform: fit.Transform
+    transform: Transform
     primaries: primaries.Primaries
-    chart: residuals.Chart | None = None
+    chart: TrainingSet | None = None
     bands: NDArray[np.float64] | None = None
 
     @property
@@ -92,35 +95,27 @@ def from_session(
         with progress.step(light.name, f"{len(names)} patches"):
             seen[light.name] = _seen(session, light, shots, left_out)
     seen, notes = _on_one_scale(seen, session.filters)
-    signals = {light: one.signals for light, one in seen.items()}
-    variances = {light: one.variances for light, one in seen.items()}
-    fitted = fit.reflectance_from_chart if reflectance else fit.from_chart
     try:
-        transform = fitted(
-            signals,
-            variances,
+        chart = photographed(
+            {light: one.signals for light, one in seen.items()},
+            {light: one.variances for light, one in seen.items()},
             {light.name: light.radiance for light in session.lights},
             patches=names,
             channels=session.channels,
-            primaries=target,
-            method=session.method,
-            inputs=_digests(session),
+            quantity=REFLECTANCE if reflectance else LIGHT,
         )
+        transform = fit(chart, target, method=session.method, inputs=_digests(session))
     except InputError as error:
         problems = error.at(folder).problems
         raise InputError(
             replace(problem, remedy="; ".join([problem.remedy, *left_out])) for problem in problems
         ) from None
-    if not reflectance:
-        whole = np.concatenate(list(signals.values()))
-        transform = replace(transform, signals=whole[np.isfinite(whole).all(axis=1)])
-    spectra = {light.name: light.radiance.values.T for light in session.lights}
-    chart = residuals.Chart.of(signals, spectra, names)
-    return Fitted(
-        replace(transform, figures={**transform.figures, "left_out": left_out, "notes": notes}),
-        target,
-        chart=chart.over_white() if reflectance else chart,
+    transform = replace(
+        transform,
+        figures={**transform.figures, "left_out": left_out, "notes": notes},
+        signals=None if reflectance else chart.signals[chart.known],
     )
+    return Fitted(transform, target, chart=chart)
 
 
 def from_sensitivities(
@@ -143,15 +138,18 @@ def from_sensitivities(
     glass = read_spectra(filters, "fraction")
     target = primaries.load(wanted or primaries.DEFAULT)
     given = [path for path in (camera, filters, lights, surfaces) if path is not None]
-    fitted = fit.reflectance_from_sensitivities if reflectance else fit.from_sensitivities
     try:
-        transform = fitted(
+        training = computed(
             curves,
             glass,
-            primaries=target,
             lights=read_spectra(lights, "power") if lights else None,
             surfaces=read_spectra(surfaces, "fraction") if surfaces else None,
-            method=_known(method or fit.DEFAULT_METHOD),
+            quantity=REFLECTANCE if reflectance else LIGHT,
+        )
+        transform = fit(
+            training,
+            target,
+            method=method and _known(method),
             inputs={path.name: digest.of_file(path) for path in given},
         )
         _, bands = sensitivities(curves, glass)
@@ -160,10 +158,10 @@ def from_sensitivities(
     return Fitted(transform, target, bands=bands)
 
 
-def save(transform: fit.Transform, path: Path, *, force: bool) -> None:
+def save(transform: Transform, path: Path, *, force: bool) -> None:
     """Writes M_S.toml or M_R.toml, whole or not at all; an earlier transform may be replaced."""
     _refuse_foreign(path, force, _is_transform(path))
-    _store(path, fit.to_toml(transform))
+    _store(path, to_toml(transform))
 
 
 def save_primaries(made: primaries.Primaries, folder: Path, *, force: bool) -> list[Path]:
@@ -286,10 +284,8 @@ def _choice(chosen: Mapping[str, Any]) -> list[str]:
 
 
 def _known(method: str) -> str:
-    if method not in fit.METHODS:
-        raise fault(
-            f"method {method!r}", " or ".join(fit.METHODS), "choose one of these", "--method"
-        )
+    if method not in METHODS:
+        raise fault(f"method {method!r}", " or ".join(METHODS), "choose one of these", "--method")
     return method
 
 
@@ -456,7 +452,7 @@ def _digests(session: Session) -> dict[str, str]:
 
 def _is_transform(path: Path) -> bool:
     try:
-        fit.read_transform(path)
+        read_transform(path)
     except InputError:
         return False
     return True

@@ -18,7 +18,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from calibration import chart as charts
-from calibration import fit, primaries
+from calibration import primaries
+from calibration.fit import CHART_METHOD, METHODS
 from calibration.spectra import Spectra, read_spectra
 from pipeline import io
 from pipeline.errors import InputError, Problem, fault
@@ -131,7 +132,7 @@ class _Settings:
     """
 
     chart: str = charts.COLORCHECKER24
-    method: str = fit.CHART_METHOD
+    method: str = CHART_METHOD
     primaries: str = primaries.DEFAULT
     patches: Path | None = None
     corners: list[tuple[float, float]] | None = None
@@ -153,7 +154,7 @@ def _settings(path: Path, problems: list[Problem]) -> _Settings:
 
     settings = _Settings(
         chart=one_of("chart", CHARTS, default.chart),
-        method=one_of("method", fit.METHODS, default.method),
+        method=one_of("method", METHODS, default.method),
         primaries=table.text("primaries", default.primaries) or default.primaries,
         patches=table.path("patches"),
         corners=table.points("corners", 4),

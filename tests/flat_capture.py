@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 from small_capture import BLACK, SATURATION, sensitivities, transmittances, write_shot
 
-from calibration import fit, primaries, sets, transform
+from calibration import primaries, sets, transform
+from calibration.fit import REFLECTANCE_UNITS
 
 SIZE = (170, 210)  # height, width
 SHIFTS = {"cyan": (0.0, 0.0), "yellow": (0.62, -1.37)}
@@ -46,7 +47,7 @@ def m_r(channels=None) -> transform.Transform:
         primaries_digest=PRIMARIES.digest,
         peaks_nm=tuple(PRIMARIES.peaks_nm),
         widths_nm=tuple(PRIMARIES.widths_nm),
-        units=fit.REFLECTANCE_UNITS,
+        units=REFLECTANCE_UNITS,
         absolute=False,
         method="pinv",
         noise_level=0.0,

@@ -11,7 +11,8 @@ import pytest
 import small_capture
 
 from calibration import bands as camera_bands
-from calibration import fit, sets, training
+from calibration import sets, training
+from calibration.transform import write_transform
 from pipeline import capture as captures
 from pipeline import io
 from pipeline.capture import Calibration
@@ -271,7 +272,7 @@ def test_a_matrix_fitted_to_a_chart_tells_less_light_too(
     capture = captures.load(small_capture_once)
 
     def fitted(signals):
-        fit.write_transform(tmp_path / "M_S.toml", replace(capture.transform, signals=signals))
+        write_transform(tmp_path / "M_S.toml", replace(capture.transform, signals=signals))
         return replace(capture, calibration=Calibration(transform=tmp_path / "M_S.toml"))
 
     learnt, _ = drift_of(0.9, fitted(None))  # as earlier versions wrote it

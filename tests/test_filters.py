@@ -3,10 +3,13 @@
 import numpy as np
 import pytest
 
-from calibration import channels, filters, fit, sets
+from calibration import channels, filters, sets
+from calibration.bands import sensitivities
 from calibration.errors import InputError
+from calibration.fit import fit
 from calibration.primaries import load
 from calibration.spectra import WAVELENGTHS, Spectra
+from calibration.training import computed
 
 
 def edge(middle_nm, width_nm):
@@ -90,7 +93,7 @@ def test_the_left_out_error_is_that_of_fitting_without_the_light(camera, candida
         camera, glass, count=2, primaries=primaries, lights=some, surfaces=paints,
         beside=[("magenta", "green")],
     )  # fmt: skip
-    _, bands = fit.sensitivities(camera, glass)
+    _, bands = sensitivities(camera, glass)
     white = np.ones((36, 1))
     walls = Spectra(
         WAVELENGTHS,
@@ -118,10 +121,9 @@ def test_noise_is_amplified_as_the_fit_says(camera, candidates):
         camera, candidates, count=2, primaries=load("darling2011"), best=1,
         lights=sets.lights("room"), beside=[("cyan", "yellow")],
     )[-1]  # fmt: skip
-    made = fit.from_sensitivities(
-        camera,
-        candidates.only(["cyan", "yellow"]),
-        primaries=load("darling2011"),
+    made = fit(
+        computed(camera, candidates.only(["cyan", "yellow"])),
+        load("darling2011"),
         method="ridge",
         noise_level=filters.NOISE_LEVEL,
     )

@@ -4,9 +4,11 @@ import pytest
 import small_capture
 from chart_photograph import reflectances
 
-from calibration import chart, fit, primaries, residuals, sets
+from calibration import chart, primaries, sets
 from calibration.bands import sensitivities
 from calibration.errors import InputError
+from calibration.fit import fit
+from calibration.training import TrainingSet
 from pipeline import fit_plots
 from pipeline.fitting import Fitted
 
@@ -17,18 +19,19 @@ SIGNED = primaries.load("signed6")
 def fitted(kind=chart.COLORCHECKER24):
     """M_S from a chart whose signals are known, one of them left out."""
     channels, bands = sensitivities(small_capture.sensitivities(), small_capture.transmittances())
-    read = {k: reflectances(kind) * sets.lights("darling2011")[k] for k in LIGHTS}
-    seen = {k: v @ bands for k, v in read.items()}
-    seen["A"][3] = np.nan
-    transform = fit.fit(
-        np.concatenate(list(seen.values())),
-        np.concatenate(list(read.values())),
-        primaries=SIGNED,
+    read = np.stack([reflectances(kind) * sets.lights("darling2011")[k] for k in LIGHTS])
+    signals = read @ bands
+    signals[0, 3] = np.nan
+    seen = TrainingSet(
         channels=channels,
-        groups=[k for k in LIGHTS for _ in read[k]],
-        method="ridge",
+        lights=LIGHTS,
+        signals=signals,
+        spectra=read,
+        variances=np.zeros(signals.shape),
+        counts=np.ones(len(chart.CHARTS[kind])),
+        names=chart.CHARTS[kind],
     )
-    return Fitted(transform, SIGNED, chart=residuals.Chart.of(seen, read, chart.CHARTS[kind]))
+    return Fitted(fit(seen, SIGNED, method="ridge"), SIGNED, chart=seen)
 
 
 @pytest.mark.slow

@@ -12,8 +12,11 @@ import small_capture
 from chart_photograph import camera_bands, homography, reflectances
 from chart_photograph import photograph as chart_photograph
 
-from calibration import chart, fit, primaries, sets
+from calibration import chart, primaries, sets
+from calibration.fit import fit
 from calibration.spectra import WAVELENGTHS, Spectra, write_spectra
+from calibration.training import photographed
+from calibration.transform import read_transform
 from pipeline import fitting
 from stages.types import Lights
 
@@ -95,7 +98,7 @@ def test_a_chart_session_gives_m_s_in_absolute_units(sixlight, session, tmp_path
     outcome = sixlight("fit", session, "-o", out, "--method", "ridge", "--quiet")
     assert outcome.status == 0, outcome.err
     assert "lights left out" in outcome.out
-    transform = fit.read_transform(out)
+    transform = read_transform(out)
     assert transform.absolute
     assert transform.method == "ridge"
     assert set(transform.figures) >= {"training_delta_e", "leave_one_light_out_delta_e"}
@@ -104,15 +107,14 @@ def test_a_chart_session_gives_m_s_in_absolute_units(sixlight, session, tmp_path
     assert transform.signals.shape == seen.shape
     np.testing.assert_allclose(transform.signals / seen, 1, rtol=0.05)  # photon noise of dark bands
     # As good as signals that were never photographed: f/8, ISO 100.
-    exact = fit.from_chart(
+    exact = photographed(
         {light: patches_under(light) @ bands() * 4 * 64 for light in LIGHTS},
         {light: np.zeros((24, 6)) for light in LIGHTS},
         {light: Spectra(WAVELENGTHS, chart.PATCHES, patches_under(light).T) for light in LIGHTS},
         patches=chart.PATCHES,
         channels=transform.channels,
-        primaries=primaries.load(),
-        method="ridge",
     )
+    exact = fit(exact, primaries.load(), method="ridge")
     white = sets.lights("darling2011")["D75"] @ bands()
     np.testing.assert_allclose(transform.matrix @ white, exact.matrix @ white, rtol=0.01)
     assert transform.figures["training_delta_e"]["mean"] < 1.0
@@ -170,7 +172,7 @@ def test_the_report_says_how_far_each_patch_is_off_under_each_light(sixlight, se
     out = tmp_path / "M_S.toml"
     asked = ("fit", session, "-o", out, "--method", "ridge", "--quiet")
     figures = json.loads(sixlight(*asked, "--json").out)
-    assert figures["matrix"] == fit.read_transform(out).matrix.tolist()
+    assert figures["matrix"] == read_transform(out).matrix.tolist()
     assert sorted(figures["delta_e"]) == sorted(LIGHTS)
     # The transform's own figures are means of the same, computed elsewhere.
     for light, off in figures["delta_e"].items():
@@ -351,7 +353,7 @@ def test_an_sg_session_needs_nothing_but_its_photographs_and_readings(sixlight, 
 def test_the_papers_method_is_a_word_away(sixlight, session, tmp_path):
     out = tmp_path / "M_S.toml"
     assert sixlight("fit", session, "-o", out, "--method", "pinv", "--quiet").status == 0
-    transform = fit.read_transform(out)
+    transform = read_transform(out)
     assert transform.method == "pinv"
     assert max(transform.figures["noise_amplification"]) > 5
 
@@ -362,7 +364,7 @@ def test_known_curves_give_m_s(sixlight, tmp_path):
     curves = ["--camera", tmp_path / "C.csv", "--filters", tmp_path / "F.csv"]
     out = tmp_path / "M_S.toml"
     assert sixlight("fit", *curves, "-o", out, "--quiet").status == 0
-    transform = fit.read_transform(out)
+    transform = read_transform(out)
     assert not transform.absolute
     light = sets.lights("darling2011")["D65"]
     made = transform.matrix @ (light @ bands())

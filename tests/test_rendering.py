@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from calibration import fit, rendering, sets
+from calibration import rendering, sets
+from calibration.merit import noise_amplification
 from calibration.primaries import load
 from calibration.rendering import Rendered, Side
 
@@ -75,6 +76,6 @@ def test_more_noise_expected_is_less_noise_amplified():
     def amplified(noise):
         got = colours(noise, joint=False)
         m_s, _ = rendering.fitted(got, 1.0)
-        return fit.noise_amplification(m_s, got.light.signals).max()
+        return noise_amplification(m_s, got.light.signals).max()
 
     assert amplified(0.02) < amplified(0.001)

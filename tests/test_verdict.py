@@ -18,8 +18,11 @@ import sphere_tracer
 from conftest import QUICK
 from small_capture import CAMERA, world
 
-from calibration import fit, primaries
+from calibration import primaries
+from calibration.fit import fit
 from calibration.spectra import WAVELENGTHS
+from calibration.training import computed
+from calibration.transform import write_transform
 from pipeline import cli
 from pipeline.verdict import GOOD
 
@@ -96,18 +99,18 @@ def near_room(folder: Path) -> None:
 
 def stale_transform(folder: Path) -> None:
     """M_S of a session of which a measurement was corrected since."""
-    fitted = fit.from_sensitivities(
+    training = computed(
         small_capture.sensitivities(),
         small_capture.transmittances(),
-        primaries=primaries.load(),
         filter_names=list(small_capture.SHIFTS),
     )
+    fitted = fit(training, primaries.load())
     session = folder / "session" / "A"
     session.mkdir(parents=True)
     before, now = b"wavelength_nm,1\n400,1\n", b"wavelength_nm,1\n400,2\n"
     (session / "radiance.csv").write_bytes(now)
     inputs = {"A/radiance.csv": hashlib.sha256(before).hexdigest()}
-    fit.write_transform(folder / "M_S.toml", replace(fitted, inputs=inputs))
+    write_transform(folder / "M_S.toml", replace(fitted, inputs=inputs))
     toml = folder / "capture.toml"
     toml.write_text(
         toml.read_text().replace('camera = "C.csv"\nfilters = "F.csv"', 'transform = "M_S.toml"')
