@@ -44,7 +44,7 @@ def _sets() -> Iterator[Figure]:
 
 
 def _comparators() -> Iterator[Figure]:
-    rows = evaluation.evaluate(primaries=["darling2011"])
+    rows = evaluation.evaluate(evaluation.read(primaries=["darling2011"]))
     for row in rows:
         at_19 = row["table"] == 1 and row["lights"].startswith("darling2011")
         if at_19 and row["surfaces"] == "colorchecker24" and row["method"] in PAPER:

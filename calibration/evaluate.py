@@ -98,29 +98,47 @@ def paper_lights() -> list[Trial]:
     ]
 
 
-def tables(
-    *,
-    surfaces: Sequence[Trial] | None = None,
-    lights: Sequence[Trial] | None = None,
-    sets_of_primaries: Sequence[Primaries] | None = None,
-    camera: Spectra | None = None,
-    filters: Spectra | None = None,
-) -> list[Row]:
-    """All rows of all tables; what is not given has its default.
+@dataclass(frozen=True)
+class Given:
+    """What tables and pictures are made of; None: of their own.
 
-    surfaces, lights   to try the methods on, in place of the sets of each table
-    sets_of_primaries  for every table; default: the program's own and the paper's in tables 1
-                       and 2, all that ship in the others
-    camera, filters    for table 2: see `bands.sensitivities`; default `default_camera`
+    surfaces, lights  to try the methods on, in place of the sets of each table
+    primaries         for every table; default: the program's own and the paper's in tables 1 and
+                      2, all that ship in the others
+    camera, filters   for table 2: see `bands.sensitivities`; default `default_camera`
     """
-    few = sets_of_primaries or _few_sets()
-    every = sets_of_primaries or _every_set()
-    lights_1 = lights or paper_lights()
-    surfaces_1 = surfaces or paper_surfaces()
-    rows = table_1(few, surfaces_1, lights_1)
-    rows += table_2(few, surfaces_1, lights_1, camera, filters)
-    rows += table_3(every, surfaces or [_checker()], lights or _all_lamps())
-    rows += table_4(every, surfaces or _other_surfaces(), lights or _test_lamps())
+
+    surfaces: Sequence[Trial] | None = None
+    lights: Sequence[Trial] | None = None
+    primaries: Sequence[Primaries] | None = None
+    camera: Spectra | None = None
+    filters: Spectra | None = None
+
+    @property
+    def few(self) -> Sequence[Primaries]:
+        """The sets of tables 1 and 2."""
+        names = dict.fromkeys((primaries.DEFAULT, "darling2011"))
+        return self.primaries or [primaries.load(name) for name in names]
+
+    @property
+    def every(self) -> Sequence[Primaries]:
+        """The sets of the other tables."""
+        return self.primaries or [primaries.load(name) for name in primaries.NAMES]
+
+    @property
+    def bands(self) -> NDArray[np.float64]:
+        """The curves (36, B) of the camera's bands."""
+        camera, filters = default_camera()
+        return sensitivities(self.camera or camera, self.filters or filters)[1]
+
+
+def tables(given: Given) -> list[Row]:
+    """All rows of all tables."""
+    lights_1, surfaces_1 = given.lights or paper_lights(), given.surfaces or paper_surfaces()
+    rows = table_1(given.few, surfaces_1, lights_1)
+    rows += table_2(given.few, surfaces_1, lights_1, given.bands)
+    rows += table_3(given.every, given.surfaces or [_checker()], given.lights or _all_lamps())
+    rows += table_4(given.every, given.surfaces or _other_surfaces(), given.lights or _test_lamps())
     return rows
 
 
@@ -142,12 +160,11 @@ def table_2(
     sets_of_primaries: Iterable[Primaries],
     surfaces: Sequence[Trial],
     lights: Sequence[Trial],
-    camera: Spectra | None = None,
-    filters: Spectra | None = None,
+    bands: NDArray[np.float64],
 ) -> list[Row]:
-    """The same through a camera, for surfaces, for light and for both; sharpened RGB beside it."""
+    """The same through a camera's bands (36, B), for surfaces, for light and for both; sharpened
+    RGB beside it."""
     methods = [*map(in_primaries, sets_of_primaries), three_channels(SHARP_RGB)]
-    bands = _bands(camera, filters)
     rows = []
     for kind in (FULL, REFLECTANCE, LIGHTING, BOTH):
         seen = [through_camera(method, bands, kind) for method in methods]
@@ -222,24 +239,17 @@ class Picture:
     means: NDArray[np.float64]
 
 
-def pictures(
-    *,
-    surfaces: Sequence[Trial] | None = None,
-    lights: Sequence[Trial] | None = None,
-    sets_of_primaries: Sequence[Primaries] | None = None,
-    camera: Spectra | None = None,
-    filters: Spectra | None = None,
-) -> tuple[Picture, Picture]:
+def pictures(given: Given) -> tuple[Picture, Picture]:
     """Every method under every single light: from full spectra, and through a camera.
 
-    The arguments are those of `tables`; the lights are those of table 4.
+    The lights are those of table 4, the surfaces the first of table 3.
     """
-    on = (surfaces or [_checker()])[0]
-    under = join(trial.spectra for trial in lights or _test_lamps())
+    on = (given.surfaces or [_checker()])[0]
+    under = join(trial.spectra for trial in given.lights or _test_lamps())
     comparators = [three_channels(SHARP_RGB), three_channels(XYZ)]
-    full = [*map(in_primaries, sets_of_primaries or _every_set()), *comparators]
-    few = [*map(in_primaries, sets_of_primaries or _few_sets()), comparators[0]]
-    bands = _bands(camera, filters)
+    full = [*map(in_primaries, given.every), *comparators]
+    few = [*map(in_primaries, given.few), comparators[0]]
+    bands = given.bands
     inputs = (FULL, REFLECTANCE, LIGHTING, BOTH)
     seen = {f"{kind}, {_label(m)}": through_camera(m, bands, kind) for m in few for kind in inputs}
     return (
@@ -261,14 +271,6 @@ def _label(method: Method | Row) -> str:
 
 
 # ---- what methods are tried on
-
-
-def _few_sets() -> list[Primaries]:
-    return [primaries.load(n) for n in dict.fromkeys((primaries.DEFAULT, "darling2011"))]
-
-
-def _every_set() -> list[Primaries]:
-    return [primaries.load(name) for name in primaries.NAMES]
 
 
 def _checker() -> Trial:
@@ -299,11 +301,6 @@ def _other_surfaces() -> list[Trial]:
 
 
 # ---- rows
-
-
-def _bands(camera: Spectra | None, filters: Spectra | None) -> NDArray[np.float64]:
-    default = default_camera()
-    return sensitivities(camera or default[0], filters or default[1])[1]
 
 
 def _every(surfaces, lights, methods) -> Iterable[tuple[Method, Trial, Trial]]:

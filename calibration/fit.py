@@ -84,7 +84,8 @@ def fit(
     chart = training.photographed
     method = method or (CHART_METHOD if chart else DEFAULT_METHOD)
     assert method in METHODS, method
-    noise_level = noise_level or (CHART_NOISE_LEVEL if chart else NOISE_LEVEL)
+    if noise_level is None:
+        noise_level = CHART_NOISE_LEVEL if chart else NOISE_LEVEL
     samples = Samples.of(training, primaries, noise_level)
     check_solvable(samples, training)
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from calibration import merit, sets
 from calibration.fit import NOISE_LEVEL, fit
+from calibration.linear import Samples
 from calibration.primaries import Primaries
 from calibration.rendering import Rendered, Side, fitted
 from calibration.training import TrainingSet
@@ -43,22 +44,23 @@ def fit_together(
     returns      M_S, M_R; both have `joint_delta_e` in their figures
     raises       InputError if the samples cannot determine the matrices
     """
-    light = light.whites()
-    alone, sides, weights = [], [], []
-    for training in (light, surface):
-        transform = fit(training, primaries, method="ridge", noise_level=noise_level, inputs=inputs)
-        signals = training.signals.reshape(-1, training.signals.shape[-1])
-        counts = np.tile(training.counts, len(training.lights))
-        variances = (noise_level * signals) ** 2
-        metric = (signals * counts[:, None]).T @ signals + np.diag(counts @ variances)
-        true = primaries.project(_rows(training))
-        alone.append(transform)
-        sides.append(Side(true, signals, variances, transform.matrix, metric / counts.sum()))
-        weights.append(counts)
-    lamps, reflectances = _rows(light), _rows(surface)
-    xyz = np.einsum("lw,sw,wi->lsi", lamps, reflectances, sets.observer(), optimize=True)
-    whites, xyz_from = sets.xyz(lamps), primaries.xyz_from_primaries
-    colours = Rendered.of(sides[0], sides[1], xyz, whites, xyz_from, np.outer(*weights))
+    pair = light.whites(), surface
+    alone = [
+        fit(training, primaries, method="ridge", noise_level=noise_level, inputs=inputs)
+        for training in pair
+    ]
+    lamps, reflectances = (Samples.of(training, primaries, noise_level) for training in pair)
+    sides = _side(lamps, alone[0].matrix), _side(reflectances, alone[1].matrix)
+    xyz = np.einsum(
+        "lw,sw,wi->lsi", lamps.spectra, reflectances.spectra, sets.observer(), optimize=True
+    )
+    colours = Rendered.of(
+        *sides,
+        true_xyz=xyz,
+        whites=sets.xyz(lamps.spectra),
+        xyz_from_primaries=primaries.xyz_from_primaries,
+        weights=np.outer(lamps.weights, reflectances.weights),
+    )
     found = fitted(colours, strength)
     joint = merit.spread(colours.errors(*found).ravel(), colours.weights.ravel())
     m_s, m_r = (
@@ -79,6 +81,8 @@ def fit_together(
     return m_s, m_r
 
 
-def _rows(training: TrainingSet):
-    """The spectra (L n, 36)."""
-    return training.spectra.reshape(-1, training.spectra.shape[-1])
+def _side(samples: Samples, ridge) -> Side:
+    """The samples as a side of what is rendered, whose matrix stays near ridge (P, B)."""
+    signals, weights, variances = samples.signals, samples.weights, samples.variances
+    metric = (signals * weights[:, None]).T @ signals + np.diag(weights @ variances)
+    return Side(samples.targets, signals, variances, ridge, metric / weights.sum())

@@ -176,7 +176,6 @@ def check_solvable(samples: Samples, training: TrainingSet) -> None:
             for light in lost
         )
     s = samples.signals
-    assert s.shape[1] == len(channels), (s.shape, channels)
     if len(s) < len(channels):
         raise fault(
             f"{len(s)} whole samples for {len(channels)} bands",

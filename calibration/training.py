@@ -51,6 +51,12 @@ class TrainingSet:
     names: tuple[str, ...] = ()
     quantity: str = LIGHT
 
+    def __post_init__(self) -> None:
+        shape = len(self.lights), len(self.counts), len(self.channels)
+        assert self.signals.shape == shape, (self.signals.shape, shape)
+        assert self.spectra.shape == (*shape[:2], len(WAVELENGTHS)), self.spectra.shape
+        assert self.quantity in QUANTITIES, self.quantity
+
     @property
     def photographed(self) -> bool:
         """Whether signals are readings, and radiances in W/(sr m2 nm), rather than computed."""

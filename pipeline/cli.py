@@ -13,7 +13,7 @@ import os
 import signal
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -533,20 +533,16 @@ def evaluate(
 
     if report is not None:
         reports.check(report, force=force)
-    given: dict[str, Any] = {
-        "surfaces": surfaces,
-        "lights": lights,
-        "primaries": primaries,
-        "camera": camera,
-        "filters": filters,
-    }
-    rows = evaluation.evaluate(**given)
+    given = evaluation.read(
+        surfaces=surfaces, lights=lights, primaries=primaries, camera=camera, filters=filters
+    )
+    rows = evaluation.evaluate(given)
     print(jsonlib.dumps(rows, indent=2) if json else evaluation.as_markdown(rows))
     if pictures is not None:
-        for path in evaluation.heat_maps(pictures, **given):
+        for path in evaluation.heat_maps(pictures, given):
             print(path, file=sys.stderr)
     if report is not None:
-        reports.store(report, evaluation.page(rows, **given))
+        reports.store(report, evaluation.page(rows, given))
         print(report, file=sys.stderr)
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import errno
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from calibration.errors import InputError, Problem, fault
 
-__all__ = ["InputError", "Problem", "fault", "reading", "storing"]
+__all__ = ["InputError", "Problem", "fault", "reading", "replacing", "storing"]
 
 # What the operating system says when a place cannot take a file, and what the user can do.
 _STORAGE = {
@@ -48,3 +49,16 @@ def storing(place: str | Path) -> Iterator[None]:
             raise
         found, remedy = _STORAGE[error.errno]
         raise fault(found, "a folder that can be written to", remedy, place) from error
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A place beside `path` to write a file to: moved there at the end, or removed if it failed."""
+    beside = path.with_name(f".{path.name}.unfinished")
+    try:
+        with storing(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            yield beside
+            os.replace(beside, path)
+    finally:
+        beside.unlink(missing_ok=True)

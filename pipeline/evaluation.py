@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,29 +14,46 @@ from calibration import filters as choice
 from calibration import primaries as known
 from calibration import sets
 from calibration.spectra import Spectra, join, read_spectra
-from pipeline.errors import InputError, fault, storing
+from pipeline.errors import InputError, fault, replacing
 from pipeline.spectra_files import read_set
 
 PICTURES = ("full_spectra.png", "camera.png")
 
 
-def evaluate(
+def read(
     *,
     surfaces: Path | None = None,
     lights: Path | None = None,
     primaries: Sequence[str] | None = None,
     camera: Path | None = None,
     filters: Path | None = None,
-) -> list[dict[str, Any]]:
-    """All tables, one dictionary a row (see `calibration.evaluate.Row`).
+) -> tables.Given:
+    """What the tables are made of, from the user's files; None: of their own.
 
     surfaces, lights  CSV files to try methods on, in place of the tables' own sets
-    primaries         names or folders of sets; default: see `calibration.evaluate.tables`
+    primaries         names or folders of sets
     camera, filters   CSV files of what table 2 is photographed with; both or neither
     raises            InputError naming the file
     """
-    given = _given(surfaces, lights, primaries, camera, filters)
-    return [dataclasses.asdict(row) for row in tables.tables(**given)]
+    if (camera is None) != (filters is None):
+        raise fault(
+            f"only {'--filters' if camera is None else '--camera'}",
+            "--camera and --filters",
+            "give both, or neither",
+            camera or filters,
+        )
+    return tables.Given(
+        surfaces=[tables.Trial(surfaces.stem, read_set(surfaces, "surface"))] if surfaces else None,
+        lights=[tables.Trial(lights.stem, _lights(lights))] if lights else None,
+        primaries=[known.load(name) for name in primaries] if primaries else None,
+        camera=_camera(camera) if camera else None,
+        filters=_at(filters, lambda: read_spectra(filters, "fraction")) if filters else None,
+    )
+
+
+def evaluate(given: tables.Given) -> list[dict[str, Any]]:
+    """All tables, one dictionary a row (see `calibration.evaluate.Row`)."""
+    return [dataclasses.asdict(row) for row in tables.tables(given)]
 
 
 def as_markdown(rows: Iterable[Mapping[str, Any]]) -> str:
@@ -45,37 +61,27 @@ def as_markdown(rows: Iterable[Mapping[str, Any]]) -> str:
     return tables.as_markdown(tables.Row(**row) for row in rows)
 
 
-def heat_maps(
-    folder: Path,
-    *,
-    surfaces: Path | None = None,
-    lights: Path | None = None,
-    primaries: Sequence[str] | None = None,
-    camera: Path | None = None,
-    filters: Path | None = None,
-) -> list[Path]:
+def heat_maps(folder: Path, given: tables.Given) -> list[Path]:
     """Pictures of the mean CIEDE2000 of each method under each light; returns their paths.
 
-    The folder is made; the arguments are those of `evaluate`. Where several sets of surfaces
-    would be tried, the ColorChecker is.
+    The folder is made. Where several sets of surfaces would be tried, the ColorChecker is.
     """
-    pictures = tables.pictures(**_given(surfaces, lights, primaries, camera, filters))
-    with storing(folder):
-        folder.mkdir(parents=True, exist_ok=True)
+    pictures = tables.pictures(given)
     for name, picture in zip(PICTURES, pictures, strict=True):
-        _store(folder / name, heat_map(picture))
+        with replacing(folder / name) as beside:
+            heat_map(picture).savefig(beside, format="png", dpi=150)
     return [folder / name for name in PICTURES]
 
 
-def page(rows: Iterable[Mapping[str, Any]], **given: Any) -> str:
-    """The tables and their heat maps as one HTML page; `given` as for `evaluate`."""
+def page(rows: Iterable[Mapping[str, Any]], given: tables.Given) -> str:
+    """The tables and their heat maps as one HTML page."""
     from pipeline import report
 
     return report.render(
         "tables.html",
         title="Colour accuracy",
         sections=tables.sections(tables.Row(**row) for row in rows),
-        pictures=[report.svg(heat_map(p)) for p in tables.pictures(**_given(**given))],
+        pictures=[report.svg(heat_map(p)) for p in tables.pictures(given)],
     )
 
 
@@ -128,25 +134,6 @@ def ranking_as_markdown(rows: Iterable[Mapping[str, Any]]) -> str:
 
 
 # ---- the user's files
-
-
-def _given(surfaces, lights, primaries, camera, filters) -> dict[str, Any]:
-    if (camera is None) != (filters is None):
-        raise fault(
-            f"only {'--filters' if camera is None else '--camera'}",
-            "--camera and --filters",
-            "give both, or neither",
-            camera or filters,
-        )
-    return {
-        "surfaces": [tables.Trial(surfaces.stem, read_set(surfaces, "surface"))]
-        if surfaces
-        else None,
-        "lights": [tables.Trial(lights.stem, _lights(lights))] if lights else None,
-        "sets_of_primaries": [known.load(name) for name in primaries] if primaries else None,
-        "camera": _camera(camera) if camera else None,
-        "filters": _at(filters, lambda: read_spectra(filters, "fraction")) if filters else None,
-    }
 
 
 def _lights(path: Path) -> Spectra:
@@ -207,14 +194,3 @@ def heat_map(picture: tables.Picture):
     axes.set_title(picture.title, fontsize=9)
     figure.colorbar(image, label="mean CIEDE2000", extend="max")
     return figure
-
-
-def _store(path: Path, figure) -> None:
-    """A figure as PNG, whole or not at all."""
-    beside = path.with_name(f".{path.name}.unfinished")
-    try:
-        with storing(path):
-            figure.savefig(beside, format="png", dpi=150)
-            os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)

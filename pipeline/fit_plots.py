@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from calibration import residuals
 from calibration.display import SRGB
 from calibration.merit import noise_amplification
 from calibration.spectra import WAVELENGTHS
-from pipeline.errors import InputError, Problem, storing
+from pipeline.errors import InputError, Problem, replacing
 from pipeline.fitting import Fitted
 
 DELTA_E, COLOURS, CURVES, NOISE = "delta_e.png", "colours.png", "curves.png", "noise.png"
@@ -55,11 +54,10 @@ def draw(fitted: Fitted, folder: Path) -> list[Path]:
 
     The first two need a chart. The last compares with the pseudo-inverse where there is one.
     """
-    with storing(folder):
-        folder.mkdir(parents=True, exist_ok=True)
     drawn = figures(fitted)
     for name, figure in drawn.items():
-        _store(folder / name, figure)
+        with replacing(folder / name) as beside:
+            figure.savefig(beside, format="png", dpi=160, metadata={"Software": _MADE_BY})
     return [folder / name for name in drawn]
 
 
@@ -81,16 +79,6 @@ def page(fitted: Fitted, title: str) -> str:
 def _is_ours(path: Path) -> bool:
     with path.open("rb") as file:
         return _MADE_BY.encode() in file.read(1024)  # PNG keeps its texts before the pixels
-
-
-def _store(path: Path, figure) -> None:
-    beside = path.with_name(f".{path.name}.unfinished")
-    try:
-        with storing(path):
-            figure.savefig(beside, format="png", dpi=160, metadata={"Software": _MADE_BY})
-            os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)
 
 
 def _figure(width: float, height: float):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,7 +19,7 @@ from calibration.training import TrainingSet, computed, photographed
 from calibration.transform import LIGHT, REFLECTANCE, Transform, read_transform, to_toml
 from pipeline import digest, io
 from pipeline.bracket import Bracket
-from pipeline.errors import InputError, Problem, fault, storing
+from pipeline.errors import InputError, Problem, fault, replacing
 from pipeline.progress import Progress
 from pipeline.session import Light, Session, read_session
 from stages.demosaic import demosaic
@@ -161,7 +160,8 @@ def from_sensitivities(
 def save(transform: Transform, path: Path, *, force: bool) -> None:
     """Writes M_S.toml or M_R.toml, whole or not at all; an earlier transform may be replaced."""
     _refuse_foreign(path, force, _is_transform(path))
-    _store(path, to_toml(transform))
+    with replacing(path) as beside:
+        io.write_text(beside, to_toml(transform))
 
 
 def save_primaries(made: primaries.Primaries, folder: Path, *, force: bool) -> list[Path]:
@@ -171,10 +171,9 @@ def save_primaries(made: primaries.Primaries, folder: Path, *, force: bool) -> l
         path = folder / file
         same = path.is_file() and path.read_bytes() == text.encode()
         _refuse_foreign(path, force, same)
-    with storing(folder):
-        folder.mkdir(parents=True, exist_ok=True)
     for file, text in files.items():
-        _store(folder / file, text)
+        with replacing(folder / file) as beside:
+            io.write_text(beside, text)
     return [folder / file for file in files]
 
 
@@ -463,15 +462,3 @@ def _refuse_foreign(path: Path, force: bool, ours: bool) -> None:
         raise fault(
             "exists and is not ours", "a new file", "choose another with -o, or --force", path
         )
-
-
-def _store(path: Path, text: str) -> None:
-    """Writes a text file beside its place, then moves it there."""
-    beside = path.with_name(f".{path.name}.unfinished")
-    try:
-        with storing(path):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            io.write_text(beside, text)
-            os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)

@@ -75,7 +75,7 @@ def test_through_a_camera_everything_keeps_its_place():
     """Few surfaces and lights; the sizes are the paper's: camera light and both a little worse."""
     checker = [tables.Trial("cc", sets.surfaces("colorchecker24"), "CC")]
     lights = [tables.Trial("19", sets.lights("darling2011"), "19")]
-    rows = tables.table_2([load("darling2011")], checker, lights)
+    rows = tables.table_2([load("darling2011")], checker, lights, tables.Given().bands)
     by = {(row.input, row.method): row for row in rows}
     assert len(by) == 8
     for kind in (tables.FULL, tables.REFLECTANCE, tables.LIGHTING, tables.BOTH):
@@ -119,7 +119,7 @@ def test_lamps_named_as_never_trained_on_are_not():
 def test_pictures_hold_the_means_of_the_rows():
     on = [_grey()]
     full, camera = tables.pictures(
-        surfaces=on, lights=[_daylight()], sets_of_primaries=[load("darling2011")]
+        tables.Given(surfaces=on, lights=[_daylight()], primaries=[load("darling2011")])
     )
     assert full.methods == ("6-channel, darling2011", "Sharp RGB", "XYZ")
     assert full.means.shape == (3, 2)

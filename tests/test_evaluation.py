@@ -26,9 +26,7 @@ def files(tmp_path):
 
 @pytest.mark.slow
 def test_the_users_spectra_take_the_place_of_the_sets(files):
-    rows = evaluation.evaluate(
-        surfaces=files / "paints.csv", lights=files / "lamps.csv", primaries=["darling2011"]
-    )
+    rows = tables_of(files, "lamps.csv")
     assert {row["table"] for row in rows} == {1, 2, 3, 4}
     assert {row["surfaces"] for row in rows} == {"paints"}
     assert {row["lights"] for row in rows} == {"lamps"}
@@ -51,7 +49,11 @@ def test_lights_count_alike_whatever_their_scale(files):
 
 
 def tables_of(files, lights):
-    return evaluation.evaluate(
+    return evaluation.evaluate(given(files, lights))
+
+
+def given(files, lights):
+    return evaluation.read(
         surfaces=files / "paints.csv", lights=files / lights, primaries=["darling2011"]
     )
 
@@ -71,18 +73,18 @@ def test_bad_spectra_are_named(tmp_path, option, values, message):
     ramp = np.linspace(*values, 36)[:, None]
     write_spectra(path, Spectra(WAVELENGTHS, ("x",), ramp))
     with pytest.raises(InputError, match=r"bad\.csv: .*" + message):
-        evaluation.evaluate(**{option: path})
+        evaluation.read(**{option: path})
 
 
 def test_micrometres_and_duplicates_are_named(tmp_path):
     ramp = np.linspace(0.2, 0.5, 36)
     write_spectra(tmp_path / "um.csv", Spectra(WAVELENGTHS / 1000.0, ("x",), ramp[:, None]))
     with pytest.raises(InputError, match="micrometres"):
-        evaluation.evaluate(surfaces=tmp_path / "um.csv")
+        evaluation.read(surfaces=tmp_path / "um.csv")
     twice = Spectra(WAVELENGTHS, ("x", "y"), np.stack([ramp, 3.0 * ramp], axis=1))
     write_spectra(tmp_path / "twice.csv", twice)
     with pytest.raises(InputError, match=r"twice\.csv: light 'y' is 'x' again"):
-        evaluation.evaluate(lights=tmp_path / "twice.csv")
+        evaluation.read(lights=tmp_path / "twice.csv")
 
 
 @pytest.mark.slow
@@ -97,9 +99,9 @@ def test_a_single_light_is_enough_to_evaluate_but_not_to_leave_out(files):
 
 def test_a_camera_needs_its_filters(files):
     with pytest.raises(InputError, match="only --camera"):
-        evaluation.evaluate(camera=files / "camera.csv")
+        evaluation.read(camera=files / "camera.csv")
     with pytest.raises(InputError, match=r"filters\.csv: the curves cyan, yellow"):
-        evaluation.evaluate(camera=files / "filters.csv", filters=files / "filters.csv")
+        evaluation.read(camera=files / "filters.csv", filters=files / "filters.csv")
 
 
 def test_filters_are_ranked_from_files(files):
@@ -137,12 +139,7 @@ def _copy(path, name):
 @pytest.mark.slow
 def test_heat_maps_are_drawn(files):
     pytest.importorskip("matplotlib", reason="the extra `report` is not installed")
-    made = evaluation.heat_maps(
-        files / "pictures",
-        surfaces=files / "paints.csv",
-        lights=files / "lamps.csv",
-        primaries=["darling2011"],
-    )
+    made = evaluation.heat_maps(files / "pictures", given(files, "lamps.csv"))
     assert [path.name for path in made] == list(evaluation.PICTURES)
     for path in made:
         assert path.read_bytes().startswith(b"\x89PNG")

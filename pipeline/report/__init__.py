@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import math
-import os
 from collections.abc import Sequence
 from functools import cache
 from importlib.metadata import version
@@ -18,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from calibration.display import SRGB, encode
-from pipeline.errors import fault, storing
+from pipeline.errors import fault, replacing
 
 
 def render(template: str, **values: Any) -> str:
@@ -80,14 +79,8 @@ def check(path: Path, *, force: bool = False) -> None:
 
 def store(path: Path, page: str) -> None:
     """Writes a page, whole or not at all."""
-    beside = path.with_name(f".{path.name}.unfinished")
-    try:
-        with storing(path):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            beside.write_text(page, encoding="utf-8")
-            os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)
+    with replacing(path) as beside:
+        beside.write_text(page, encoding="utf-8")
 
 
 _OURS = b'<meta name="generator" content="sixlight">'
