@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,12 +100,6 @@ class Samples:
             kept += [brightest, *some]
         samples = replace(self, weights=weights)
         return samples.only(np.sort(kept))
-
-
-class Solver(Protocol):
-    """What gives a matrix (P, B), from all lights or from all but some."""
-
-    def solved(self, without: Collection[str] = ()) -> NDArray[np.float64]: ...
 
 
 @dataclass(frozen=True)

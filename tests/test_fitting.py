@@ -18,7 +18,6 @@ from calibration.spectra import WAVELENGTHS, Spectra, write_spectra
 from calibration.training import photographed
 from calibration.transform import read_transform
 from pipeline import fitting
-from stages.types import Lights
 
 LIGHTS = ("A", "D50", "D65", "F2", "F11")
 PATCH_PX, COLUMNS, ROWS = 20, 6, 4
@@ -141,19 +140,6 @@ def test_a_session_of_rounded_times_is_on_one_scale(session, tmp_path):
         seen, known = (v.reshape(24, 2, 3).sum(axis=(0, 2)) for v in (signals, truth[light]))
         # f/8. Exposures are solved to .1 %; a filter's bands of all patches are known better.
         np.testing.assert_allclose(seen / (64 * known), 1, atol=0.003)
-
-
-def test_brackets_whose_scale_is_in_doubt_are_named():
-    """One pair of times a bracket, that fits 1/60 and 1/64; and no white of the first light."""
-    exposed = Lights((1 / 60, 1 / 15), (1 / 64, 1 / 16), (1 / 60, 1 / 15), (0, 1))
-    of_white = Lights((1 / 500, 1 / 125), (1 / 512, 1 / 128), (1 / 500, 1 / 125), (0, 1))
-    signals = np.ones((24, 3))
-    seen = {
-        "A": fitting._Seen(signals, signals, (exposed,), ()),
-        "D65": fitting._Seen(signals, signals, (exposed,), (of_white,)),
-    }
-    _, (note,) = fitting._on_one_scale(seen, ["cyan"])
-    assert "A through cyan and D65 through cyan and the white of D65 through cyan may" in note
 
 
 def test_the_same_session_gives_m_r(session):
