@@ -27,6 +27,10 @@ ROOM_SURFACES = "ces99+rawtoaces190"
 COPY_SET = "darling2011"
 COPY_LIGHTS = ("D50", "A", "D65", "F40/C50 (Broadband FL)")
 
+# Of a white's most; a spectroradiometer's reading below that is noise, and says nothing of what a
+# patch reflects.
+READABLE = 1e-3
+
 
 @dataclass(frozen=True)
 class TrainingSet:
@@ -102,9 +106,10 @@ def photographed(
     patches    (n,) names, in the order of the rows
     channels   (B,) names of the bands
     quantity   LIGHT; or REFLECTANCE: all over the brightest patch's, which counts as WHITE_SHARE
-               of all
+               of all. Where a light's white reads less than READABLE of its most, what the patches
+               reflect is the mean of what other lights show
     raises     InputError if lights or patches do not match or readings cannot be of them; for
-               REFLECTANCE also where a white clips, or has no light at some wavelength
+               REFLECTANCE also where a white clips, or no light reaches some wavelength
     """
     assert quantity in QUANTITIES, quantity
     check_lights(signals, radiances, patches)
@@ -134,34 +139,36 @@ def _over_white(chart: TrainingSet) -> TrainingSet:
     white = np.argmax(sets.xyz(chart.spectra)[..., 1], axis=1)
     at = np.arange(len(chart.lights)), white
     signals, spectra = chart.signals[at][:, None], chart.spectra[at][:, None]
-    problems = []
-    for light, i, seen, read in zip(chart.lights, white, signals, spectra, strict=True):
-        of = f"light {light!r}: the white, patch {chart.names[i]},"
-        if not np.all(seen > 0.0):
-            problems.append(
-                Problem(
-                    f"{of} is not known everywhere",
-                    "a white that does not clip through any filter",
-                    "add shorter exposures, or leave this light out",
-                )
-            )
-        elif np.any(read == 0.0):
-            problems.append(
-                Problem(
-                    f"{of} reads 0 at {WAVELENGTHS[np.argmax(read == 0.0)]:.0f} nm",
-                    "light at every wavelength, to read reflectance by",
-                    "leave this light out",
-                )
-            )
+    problems = [
+        Problem(
+            f"light {light!r}: the white, patch {chart.names[i]}, is not known everywhere",
+            "a white that does not clip through any filter",
+            "add shorter exposures, or leave this light out",
+        )
+        for light, i, seen in zip(chart.lights, white, signals, strict=True)
+        if not np.all(seen > 0.0)
+    ]
+    readable = spectra >= READABLE * spectra.max(axis=-1, keepdims=True)
+    problems += [
+        Problem(
+            f"no light shows what the patches reflect at {wavelength:.0f} nm",
+            f"one whose white reads {READABLE:.1%} of its most there",
+            "add a light that reaches there, such as an incandescent one or daylight",
+        )
+        for wavelength in WAVELENGTHS[~readable.any(axis=(0, 1))][:1]
+    ]
     if problems:
         raise InputError(problems)
     assert chart.variances is not None
+    # What a patch reflects is its own: where one light has nothing to read it by, others have.
+    factors = chart.spectra / np.where(readable, spectra, 1.0)
+    shown = np.mean(factors, axis=0, where=np.broadcast_to(readable, factors.shape))
     counts = chart.counts.copy()
     counts[white] = max(1.0, WHITE_SHARE * len(counts))
     return replace(
         chart,
         signals=chart.signals / signals,
-        spectra=chart.spectra / spectra,
+        spectra=np.where(readable, factors, shown),
         variances=chart.variances / signals**2,
         counts=counts,
         quantity=REFLECTANCE,

@@ -45,18 +45,37 @@ def test_the_whites_of_computed_light_are_the_lights():
     assert whites.counts.tolist() == [1.0]
 
 
-def test_a_white_that_clips_or_reads_no_light_gives_no_reflectance():
+def without_violet(radiances, *lights):
+    """The readings, but that these lights have none at 380 nm, or a little noise."""
+    dark = dict(radiances)
+    for sign, light in zip((0.0, -1e-5, 1e-5), lights, strict=False):
+        values = radiances[light].values.copy()
+        values[0] = sign * values.max(axis=0)
+        dark[light] = Spectra(WAVELENGTHS, radiances[light].names, values)
+    return dark
+
+
+def test_where_a_light_does_not_reach_others_show_what_patches_reflect():
+    signals, variances, radiances = session(noise=0.0)
+    over = seen((signals, variances, radiances), quantity="reflectance")
+    dark = without_violet(radiances, "D65", "F2", "A")
+    filled = seen((signals, variances, dark), quantity="reflectance")
+    np.testing.assert_allclose(filled.spectra, over.spectra, rtol=1e-9)
+    assert "D50" in over.lights  # which alone reaches there
+
+
+def test_a_white_that_clips_or_that_no_light_shows_gives_no_reflectance():
     signals, variances, radiances = session()
     signals["F2"][18, 2] = np.nan
-    values = radiances["D65"].values.copy()
-    values[0] = 0.0
-    radiances["D65"] = Spectra(WAVELENGTHS, radiances["D65"].names, values)
-    seen((signals, variances, radiances))
+    dark = radiances
+    for light in radiances:
+        dark = without_violet(dark, light)
+    seen((signals, variances, dark))
     with pytest.raises(InputError) as caught:
-        seen((signals, variances, radiances), quantity="reflectance")
-    dark, clipped = str(caught.value).splitlines()
-    assert "light 'D65': the white, patch 19, reads 0 at 380 nm" in dark
+        seen((signals, variances, dark), quantity="reflectance")
+    clipped, unread = str(caught.value).splitlines()
     assert "light 'F2': the white, patch 19, is not known everywhere" in clipped
+    assert "no light shows what the patches reflect at 380 nm" in unread
 
 
 # ---- what is refused
