@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
-from math import log
+from math import hypot, log
 from typing import Any
 
 from pipeline.report import shutter
@@ -134,8 +134,31 @@ def _rim(result: Result) -> Iterator[Finding]:
                 "rim",
                 LOOK,
                 f"only {told['rim_found']:.0%} of the sphere's rim agrees with the circle found",
-                "look at sphere.png; give outline = [x, y, radius] under [sphere] if it is wrong",
+                _CHECK_RIM,
             )
+        # Half a degree is what a near room moves directions by, too.
+        doubt = _doubt_of_directions(told)
+        if grade := _grade(doubt, 0.5, 2.0):
+            yield Finding(
+                "rim",
+                grade,
+                f"the sphere's rim is known so roughly that directions may be {doubt:.1f} degrees"
+                " off",
+                _CHECK_RIM,
+            )
+
+
+_CHECK_RIM = "look at sphere.png; give outline = [x, y, radius] under [sphere] if it is wrong"
+
+
+def _doubt_of_directions(located: Mapping[str, Any]) -> float:
+    """Standard deviation in degrees, sideways of the camera, that the rim's leaves; 0 if given."""
+    sigma, moved = located["rim_sigma_px"], located["directions_move_by_degrees"]
+    if sigma is None or None in sigma:
+        return 0.0
+    x, y, radius = sigma
+    by_centre, by_radius = (moved[f"{name} +1 px"]["90 degrees"] for name in ("centre", "rim"))
+    return hypot(max(x, y) * by_centre, radius * by_radius)
 
 
 def _registration(result: Result) -> Iterator[Finding]:

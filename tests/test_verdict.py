@@ -24,7 +24,7 @@ from calibration.spectra import WAVELENGTHS
 from calibration.training import computed
 from calibration.transform import write_transform
 from pipeline import cli
-from pipeline.verdict import GOOD
+from pipeline.verdict import GOOD, verdict
 
 FOCAL_MM = 50.0
 
@@ -149,3 +149,14 @@ def test_a_spoilt_capture_is_told_with_its_reason(small, spoil):
     found = verdict_on(small)
     assert found["grade"] != GOOD
     assert found["findings"][0]["about"] == SPOILT[spoil], found
+
+
+@pytest.mark.parametrize(
+    ("times", "grades"), [(1.0, set()), (20.0, {"look here"}), (100.0, {"do not trust"})]
+)
+def test_a_rim_known_only_roughly_is_told(finished_once, times, grades):
+    """The small sphere's: 88 px, so that a pixel moves directions by over a degree."""
+    result = json.loads((finished_once / "result.json").read_text())
+    learnt = result["steps"]["locate"]["learnt"]
+    learnt["rim_sigma_px"] = [times * 0.03] * 3
+    assert {f["grade"] for f in verdict(result)["findings"] if f["about"] == "rim"} == grades
