@@ -12,6 +12,7 @@ from math import hypot, log
 from typing import Any
 
 from pipeline.report import shutter
+from stages.mirror import ENOUGH_OF_THE_RIM
 
 Result = Mapping[str, Any]
 
@@ -129,7 +130,7 @@ def _movement(result: Result) -> Iterator[Finding]:
 
 def _rim(result: Result) -> Iterator[Finding]:
     for told in learnt(result, "locate").values():
-        if told["rim_found"] is not None and told["rim_found"] < 0.5:
+        if told["rim_found"] is not None and told["rim_found"] < ENOUGH_OF_THE_RIM:
             yield Finding(
                 "rim",
                 LOOK,

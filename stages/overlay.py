@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.mirror import Sphere
+from stages.mirror import ENOUGH_OF_THE_RIM, Sphere
 from stages.region import Region
 from stages.types import Float, Measured
 
@@ -43,7 +43,7 @@ def overlay(image: Measured, sphere: Sphere, region: Region | None = None) -> Fl
     size = round(width * scale), round(height * scale)
     picture = cv2.resize(signal, size, interpolation=cv2.INTER_AREA)
     picture = np.rint(255.0 * picture).astype(np.uint8)  # OpenCV writes on 8 bits only
-    agreed = not sphere.rim_found < 0.6  # NaN: given, not found
+    agreed = not sphere.rim_found < ENOUGH_OF_THE_RIM  # NaN: given, not found
     colour = _GOOD if agreed else _POOR
 
     corner = (0.0, 0.0) if region is None else region.origin_px
