@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import ast
 import dataclasses
 import hashlib
 import importlib.util
 import inspect
 import json
+import re
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from pathlib import Path
@@ -105,6 +105,14 @@ def _closure(module: str) -> set[str]:
     return reached
 
 
+# An import statement, within a function too: what from, and names; or modules. Python's own parser
+# takes a second for all that `envmap` can reach, which is longer than the rest of a run that finds
+# everything current.
+_IMPORT = re.compile(
+    r"^[ \t]*(?:from[ \t]+([\w.]+)[ \t]+import[ \t]*(\([^)]*\)|[^\n(]+)|import[ \t]+([^\n]+))", re.M
+)
+
+
 @cache
 def _imports(module: str) -> tuple[str, ...] | None:
     """What one of our modules imports, anywhere in it; None for others' modules."""
@@ -114,21 +122,27 @@ def _imports(module: str) -> tuple[str, ...] | None:
     if spec is None or spec.origin is None:
         return None
     names: list[str] = []
-    for node in ast.walk(ast.parse(Path(spec.origin).read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            names += [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            names.append(node.module)
-            names += [f"{node.module}.{a.name}" for a in node.names if _is_module(node, a)]
+    for package, those, modules in _IMPORT.findall(Path(spec.origin).read_text(encoding="utf-8")):
+        if modules:
+            names += _listed(modules)
+        else:
+            names.append(package)
+            names += [f"{package}.{name}" for name in _listed(those) if _is_module(package, name)]
     return tuple(name for name in names if name.split(".")[0] in _OURS)
 
 
-def _is_module(node: ast.ImportFrom, alias: ast.alias) -> bool:
-    if str(node.module).split(".")[0] not in _OURS:
+def _listed(names: str) -> list[str]:
+    """Names of an import statement, without what they are called here, brackets and comments."""
+    bare = re.sub(r"#[^\n]*|[()]", "", names)
+    return [name.split()[0] for name in bare.split(",") if name.split()]
+
+
+def _is_module(package: str, name: str) -> bool:
+    if package.split(".")[0] not in _OURS:
         return False
     try:
-        return importlib.util.find_spec(f"{node.module}.{alias.name}") is not None
-    except ModuleNotFoundError:  # node.module is a module, not a package
+        return importlib.util.find_spec(f"{package}.{name}") is not None
+    except ModuleNotFoundError:  # what should be a package is a module
         return False
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import subprocess
 import sys
@@ -72,6 +73,29 @@ def test_a_step_depends_on_constants(module, constant, run, monkeypatch):
     before = digest.of_code(run)
     monkeypatch.setattr(module, constant, "another")
     assert digest.of_code(run) != before
+
+
+def by_the_parser(path: Path) -> set[str]:
+    """What a file imports, as Python itself reads it."""
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            names |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
+
+
+@pytest.mark.parametrize("package", ["pipeline", "stages", "calibration", "shaders"])
+def test_imports_are_those_that_python_reads(package):
+    for path in (ROOT / package).rglob("*.py"):
+        module = ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+        ours = {n for n in by_the_parser(path) if n.split(".")[0] in digest._OURS}
+        found = digest._imports(module)
+        assert set(found) <= ours, module
+        missed = ours - set(found)  # names in a module, which are no modules themselves
+        assert not [n for n in missed if (ROOT / n.replace(".", "/")).with_suffix(".py").exists()]
+        assert not [n for n in missed if (ROOT / n.replace(".", "/")).is_dir()]
 
 
 def test_shaders_and_data_are_part_of_the_code():
