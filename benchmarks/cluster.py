@@ -111,7 +111,8 @@ def done_under_kills(
     for i in range(count):
         shutil.copytree(capture, shoot / f"c{i:02}")
     run = sys.executable, "-m", "pipeline"
-    subprocess.run([*run, "envmap", capture, "-o", here, "--quiet", *_SETTINGS], check=True)
+    alone = [*run, "envmap", capture, "-o", here, "--quiet", *_SETTINGS]
+    subprocess.run(alone, check=True, stdout=subprocess.DEVNULL)
     moments, kills = random.Random(seed), 0
     with cluster(place / "cluster", workers) as (ours, address):
         given = "-o", out, "--scheduler", address, "--json", "--quiet", *_SETTINGS
