@@ -2,7 +2,9 @@
 
 Captures and results go by path, folders that all workers see under the same name, or by URL. A
 worker runs a capture as a local batch does, in a process of its own; the stages of a capture stay
-together. One that dies takes that process with it, and the scheduler gives the capture to another.
+together. One that dies takes that process with it, and the scheduler gives the capture to another,
+as often as it may (Dask's `distributed.scheduler.allowed-failures`, 3), and then for as long as
+steps of it are finished in between: it goes on where it was.
 Results land once: whoever writes holds the output folder's lock, and files are moved into place; by
 URL see `remote`.
 """
@@ -13,6 +15,7 @@ import time
 import uuid
 from collections.abc import Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 from pipeline import child, finished
@@ -48,36 +51,53 @@ def run(scheduler: str, jobs: Sequence[Job], orders: Orders, running: Running) -
         ) from error
     with client:
         stop = Event(name, client=client)
-        futures = {}
-        for number, job in enumerate(jobs):
-            futures[
-                client.submit(
-                    on_worker,
-                    *(address(job.folder), address(job.out), asdict(orders.settings)),
-                    *(orders.force, orders.limits.seconds, finished.code(), name),
-                    key=f"{name}-{number}",
-                    pure=False,
-                )
-            ] = job
+        futures: dict[Any, tuple[Job, int]] = {}  # by future: the steps done when it was given out
+
+        def given_out(job: Job) -> Any:
+            future = client.submit(
+                on_worker,
+                *(address(job.folder), address(job.out), asdict(orders.settings)),
+                *(orders.force, orders.limits.seconds, finished.code(), name),
+                key=f"{name}-{len(futures)}",
+                pure=False,
+            )
+            futures[future] = job, _steps_done(job)
+            return future
+
         try:
-            for future in as_completed(list(futures), loop=client.loop):
+            ended = as_completed([given_out(job) for job in jobs], loop=client.loop)
+            for future in ended:
+                job, done_before = futures[future]
+                if _killed(future) and _steps_done(job) > done_before:
+                    ended.add(given_out(job))
+                    continue
                 outcome = _outcome(future)
                 if outcome.state in (FAILED, OURS) and not orders.keep_going:
                     client.cancel([f for f in futures if not f.done()])
-                    yield futures[future], outcome
+                    yield job, outcome
                     return
-                yield futures[future], outcome
+                yield job, outcome
         except (KeyboardInterrupt, GeneratorExit):  # here, or in whoever is told of an outcome
             stop.set()
             client.cancel(list(futures))
             raise
 
 
+def _steps_done(job: Job) -> int:
+    """How many steps have their results in place; by URL none are until all are."""
+    return len(list(job.out.glob("work/*.made.json"))) if isinstance(job.out, Path) else 0
+
+
+def _killed(future) -> bool:
+    """Whether Dask has given up, as one worker after another died of it or with it."""
+    return future.status == "error" and type(future.exception()).__name__ == "KilledWorker"
+
+
 def _outcome(future) -> Outcome:
     error = future.exception() if future.status == "error" else None
     if error is None and future.status == "finished":
         return Outcome(**future.result())
-    if type(error).__name__ == "KilledWorker":
+    if _killed(future):
         said = "every worker that was given it died; try it on one machine with sixlight envmap"
     else:
         said = f"the cluster could not run it: {error or future.status}"

@@ -40,9 +40,33 @@ child._command = lambda folder, out, settings, force: [sys.executable, "-c", PRO
 '''
 
 
+# Finishes a step, and takes its worker with it; but for "hopeless", which finishes none, ever.
+FATAL = '''
+import sys
+from pipeline import child
+
+PROGRAM = """
+import json, os, pathlib, signal, sys
+out = pathlib.Path(sys.argv[1])
+(out / "work").mkdir(parents=True, exist_ok=True)
+done = len(list(out.glob("work/*.made.json")))
+if done == 6:
+    (out / "result.json").write_text(json.dumps({"verdict": {"grade": "good"}}))
+    sys.exit()
+if out.name != "hopeless":
+    (out / "work" / f"step{done}.made.json").touch()
+os.kill(os.getppid(), signal.SIGKILL)
+"""
+child._command = lambda folder, out, settings, force: [sys.executable, "-c", PROGRAM, str(out)]
+'''
+
+
 @pytest.fixture
 def cluster(tmp_path):
-    """Starts a scheduler and workers; cluster(count, *options) -> its address, the workers."""
+    """Starts a scheduler and workers; cluster(count, *options) -> its address, the workers.
+
+    With "--nanny" among the options, workers that die are started again.
+    """
     pytest.importorskip("distributed", reason="needs pip install 'sixlight[cluster]'")
     processes: list[subprocess.Popen] = []
     address = tmp_path / "scheduler.json"
@@ -69,8 +93,9 @@ def cluster(tmp_path):
         time.sleep(0.2)
         workers = [
             process(
-                *("dask_worker", "--no-nanny", "--nthreads", "1", "--name", f"w{i}"),
-                *("--local-directory", tmp_path / "scratch", *options),
+                *("dask_worker", "--nthreads", "1", "--name", f"w{i}"),
+                *("--local-directory", tmp_path / "scratch"),
+                *(options if "--nanny" in options else ("--no-nanny", *options)),
             )
             for i in range(count)
         ]
@@ -111,6 +136,24 @@ def test_all_are_done_once_though_a_worker_is_killed(cluster, tmp_path):
     assert [c["grade"] for c in told["captures"]] == ["good"] * 12
     for i in range(12):
         assert (tmp_path / "out" / f"c{i:02}" / "done").read_text() == "x"
+
+
+@pytest.mark.slow
+def test_one_goes_on_as_long_as_steps_are_finished_though_each_kills_its_worker(cluster, tmp_path):
+    (tmp_path / "fatal.py").write_text(FATAL)
+    for name in ("hard", "hopeless"):
+        (tmp_path / "shoot" / name).mkdir(parents=True)
+        (tmp_path / "shoot" / name / "capture.toml").touch()
+    address, _ = cluster(2, "--nanny", "--preload", tmp_path / "fatal.py")
+    given = "-o", tmp_path / "out", "--scheduler", address, "--json"
+    with batch(tmp_path / "shoot", *given) as process:
+        told = {
+            Path(c["capture"]).name: c for c in json.loads(process.communicate()[0])["captures"]
+        }
+    assert told["hard"]["state"] in ("done", "current")
+    assert told["hopeless"]["state"] == "failed"
+    assert "every worker that was given it died" in told["hopeless"]["error"][0]
+    assert len(list((tmp_path / "out" / "hard" / "work").glob("*.made.json"))) == 6
 
 
 @pytest.mark.slow
