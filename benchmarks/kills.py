@@ -20,6 +20,7 @@ import signal
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -46,11 +47,19 @@ class Outcome:
     wrong: tuple[str, ...]
 
 
-def kill(capture: Path, folder: Path, count: int, seed: int, *options: str) -> Outcome:
+def kill(
+    capture: Path,
+    folder: Path,
+    count: int,
+    seed: int,
+    *options: str,
+    progress: Callable[[str], None] = lambda line: None,
+) -> Outcome:
     """Kills `count` runs over a capture.
 
-    folder   empty; for outputs
-    options  of `sixlight envmap`
+    folder    empty; for outputs
+    options   of `sixlight envmap`
+    progress  is told how many were killed, whenever a run came through
     """
     # Processes begin with everything imported, so that kills fall upon the work.
     context = multiprocessing.get_context("forkserver")
@@ -66,7 +75,7 @@ def kill(capture: Path, folder: Path, count: int, seed: int, *options: str) -> O
     wrong: list[str] = []
     while kills < count:
         run = _started(context, capture, out, options)
-        run.join(moments.uniform(0.0, seconds / 2))
+        run.join(moments.uniform(0.0, seconds / 3))
         alive = run.is_alive()
         if alive and run.pid is not None:
             os.kill(run.pid, signal.SIGKILL)
@@ -82,6 +91,7 @@ def kill(capture: Path, folder: Path, count: int, seed: int, *options: str) -> O
                 wrong.append(f"kill {kills}: verify holds over missing results")
             continue
         through += 1
+        progress(f"{kills} kills, {through} runs came through, {len(wrong)} wrong")
         if run.exitcode != 0:
             wrong.append(f"a run after kill {kills} ended with status {run.exitcode}")
         wrong += [f"after kill {kills}, through: {p}" for p in missing or ()]
@@ -143,7 +153,8 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as place:
         capture = given.capture or small(Path(place) / "small")
         began = time.monotonic()
-        done = kill(capture, _folder(Path(place) / "outs"), given.count, given.seed)
+        outs = _folder(Path(place) / "outs")
+        done = kill(capture, outs, given.count, given.seed, progress=_say)
     print(
         f"{done.kills} kills in {time.monotonic() - began:.0f} s, seed {given.seed};"
         f" verify named what was missing after {done.named}; {done.through} runs came through whole"
@@ -151,6 +162,10 @@ def main() -> int:
     for line in done.wrong:
         print(line)
     return 1 if done.wrong else 0
+
+
+def _say(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
 
 
 def small(folder: Path) -> Path:
