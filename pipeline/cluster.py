@@ -3,8 +3,9 @@
 Captures and results go by path, folders that all workers see under the same name, or by URL. A
 worker runs a capture as a local batch does, in a process of its own; the stages of a capture stay
 together. One that dies takes that process with it, and the scheduler gives the capture to another,
-as often as it may (Dask's `distributed.scheduler.allowed-failures`, 3), and then for as long as
-steps of it are finished in between: it goes on where it was.
+which goes on where it was. Dask gives up when four have died; it is asked again for as long as
+steps are finished in between, and twice where none is: what a capture does hardly ever ends more
+than its own process, and so it is rather the machines that are in trouble.
 Results land once: whoever writes holds the output folder's lock, and files are moved into place; by
 URL see `remote`.
 """
@@ -16,7 +17,7 @@ import uuid
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from pipeline import child, finished
 from pipeline.batch import Ended, Orders, Running
@@ -28,6 +29,7 @@ from pipeline.storage import address, place
 
 _ANSWER_S = 10.0  # that a scheduler is given to answer
 _LOOK_S = 0.5  # between two looks at a process, and at whether all is to stop
+_TRIES = 3  # that Dask is given to finish a step, each of four workers if they die
 _BUSY_S = 60.0  # that a worker which is gone is given to let go of an output folder
 
 
@@ -51,9 +53,9 @@ def run(scheduler: str, jobs: Sequence[Job], orders: Orders, running: Running) -
         ) from error
     with client:
         stop = Event(name, client=client)
-        futures: dict[Any, tuple[Job, int]] = {}  # by future: the steps done when it was given out
+        futures: dict[Any, _Try] = {}
 
-        def given_out(job: Job) -> Any:
+        def given_out(job: Job, in_vain: int = 0) -> Any:
             future = client.submit(
                 on_worker,
                 *(address(job.folder), address(job.out), asdict(orders.settings)),
@@ -61,16 +63,18 @@ def run(scheduler: str, jobs: Sequence[Job], orders: Orders, running: Running) -
                 key=f"{name}-{len(futures)}",
                 pure=False,
             )
-            futures[future] = job, _steps_done(job)
+            futures[future] = _Try(job, _steps_done(job), in_vain)
             return future
 
         try:
             ended = as_completed([given_out(job) for job in jobs], loop=client.loop)
             for future in ended:
-                job, done_before = futures[future]
-                if _killed(future) and _steps_done(job) > done_before:
-                    ended.add(given_out(job))
-                    continue
+                job, done_before, in_vain = futures[future]
+                if _killed(future):
+                    in_vain = 0 if _steps_done(job) > done_before else in_vain + 1
+                    if in_vain < _TRIES:
+                        ended.add(given_out(job, in_vain))
+                        continue
                 outcome = _outcome(future)
                 if outcome.state in (FAILED, OURS) and not orders.keep_going:
                     client.cancel([f for f in futures if not f.done()])
@@ -81,6 +85,14 @@ def run(scheduler: str, jobs: Sequence[Job], orders: Orders, running: Running) -
             stop.set()
             client.cancel(list(futures))
             raise
+
+
+class _Try(NamedTuple):
+    """Of a capture, by Dask: how many steps were done before, and how many tries did none."""
+
+    job: Job
+    steps_done: int
+    in_vain: int
 
 
 def _steps_done(job: Job) -> int:
