@@ -179,7 +179,7 @@ def test_an_outline_for_all_views_is_refused(told):
 # -------------------------------------------------------------------------------------- the whole
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def three(tmp_path_factory):
     """Three small views, processed: the results' folder, and result.json."""
     folder = small_views.make(tmp_path_factory.mktemp("captures") / "three")
