@@ -70,8 +70,8 @@ def run(scheduler: str, jobs: Sequence[Job], orders: Orders, running: Running) -
             ended = as_completed([given_out(job) for job in jobs], loop=client.loop)
             for future in ended:
                 job, done_before, in_vain = futures[future]
-                if future.status == "lost":  # it ended, and its worker died before it told
-                    ended.add(given_out(job, in_vain))
+                if future.status == "lost":  # its worker died before it told: Dask runs it again
+                    ended.add(future)
                     continue
                 if _killed(future):
                     in_vain = 0 if _steps_done(job) > done_before else in_vain + 1

@@ -334,6 +334,16 @@ def test_frames_of_a_sequence_are_the_pictures_by_themselves():
         assert frame.tobytes() == alone.tobytes()
 
 
+def test_two_environments_may_be_drawn_by_turns():
+    """Each has a context of its own, as six channels and three beside them have."""
+    scene, how = Scene(((sphere(segments=16), material(0.4, 0.1)),), CAMERA), Drawing(24, 16)
+    worlds = asymmetric(16, 6), asymmetric(16, 6)[::-1].copy()
+    alone = [preview(world, XYZ_FROM_SIX, scene, how).tobytes() for world in worlds]
+    drawn = [sequence(world, XYZ_FROM_SIX, [scene] * 2, how) for world in worlds]
+    for pictures in zip(*drawn, strict=True):
+        assert [picture.tobytes() for picture in pictures] == alone
+
+
 def test_a_picture_drawn_in_tiles_is_the_picture(monkeypatch):
     world = asymmetric(16, 6)
     scene = Scene(((sphere(segments=24), material(0.4, 0.1)),), CAMERA)
