@@ -66,6 +66,9 @@ class InputError(ValueError):
         assert self.problems, "an InputError without a problem"
         super().__init__("\n".join(map(str, self.problems)))
 
+    def __reduce__(self):
+        return type(self), (self.problems,)  # as one process tells another
+
     def at(self, file: str | Path) -> InputError:
         """The same error, naming `file` wherever no file is named yet."""
         return InputError(

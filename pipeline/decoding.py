@@ -27,7 +27,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from calibration.errors import InputError, Problem, fault
+from calibration.errors import InputError, fault
 from stages.bracket import workers
 
 S = TypeVar("S")
@@ -183,8 +183,6 @@ class _Decoders:
             with self._changed:
                 self._idle.append(decoder)
                 self._changed.notify()
-            if kind == "problems":
-                raise InputError(value)
             if kind == "error":
                 raise value
             return value
@@ -399,20 +397,18 @@ def _allow(seconds: float, by_clock: float, memory_bytes: int) -> None:
 def _answer(
     folder: str, function: Callable[..., Any], path: Path, *given: Any, **named: Any
 ) -> tuple[str, Any]:
-    """What came of it, as it can be told to another process: "done", "problems" or "error".
+    """What came of it, as it can be told to another process: "done" or "error".
 
     folder  that paths are relative to
     """
     try:
         os.chdir(folder)
         return "done", function(path, *given, **named)
-    except InputError as error:
-        return "problems", error.problems
+    except (InputError, OSError) as error:
+        return "error", error
     except MemoryError:
         limit = resource.getrlimit(resource.RLIMIT_AS)[0] / 1e9
         found = f"takes more than {limit:.1f} GB of memory to decode"
-        return "problems", (Problem(found, _EXPECTED, _REMEDY, path),)
-    except OSError as error:
-        return "error", error
+        return "error", fault(found, _EXPECTED, _REMEDY, path)
     except Exception:  # a mistake of ours, to be told where somebody sees it
         return "error", RuntimeError(traceback.format_exc())

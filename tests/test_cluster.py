@@ -13,6 +13,11 @@ from pathlib import Path
 
 import pytest
 
+from pipeline import batch as batches
+from pipeline import cluster as clusters
+from pipeline import shoot
+from pipeline.settings import Settings
+
 ROOT = Path(__file__).parent.parent
 
 # In place of `envmap`: takes the output's lock, as a run does, and leaves word of each end.
@@ -59,6 +64,30 @@ os.kill(os.getppid(), signal.SIGKILL)
 """
 child._command = lambda folder, out, settings, force: [sys.executable, "-c", PROGRAM, str(out)]
 '''
+
+
+# The second worker to end a capture dies soon after; what is asked later takes its time.
+SILENT = (
+    STAND_IN
+    + """
+import os, pathlib, signal, threading, time
+from pipeline.cluster import on_worker as ran
+
+def told(*given, ran=ran):
+    answer = ran(*given)
+    before = list(pathlib.Path(os.environ["ENDS"]).iterdir())
+    pathlib.Path(os.environ["ENDS"], str(len(before))).touch()
+    if len(before) == 1:
+        threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGKILL)).start()
+    if len(before) > 1:
+        time.sleep(4)
+    return answer
+
+if ran.__name__ == "on_worker":  # Dask loads this twice
+    from pipeline import cluster
+    cluster.on_worker = told
+"""
+)
 
 
 @pytest.fixture
@@ -154,6 +183,28 @@ def test_one_goes_on_as_long_as_steps_are_finished_though_each_kills_its_worker(
     assert told["hopeless"]["state"] == "failed"
     assert "every worker that was given it died" in told["hopeless"]["error"][0]
     assert len(list((tmp_path / "out" / "hard" / "work").glob("*.made.json"))) == 6
+
+
+@pytest.mark.slow
+def test_an_answer_that_died_with_its_worker_is_waited_for(cluster, tmp_path, monkeypatch):
+    (tmp_path / "silent.py").write_text(SILENT)
+    (tmp_path / "ends").mkdir()
+    monkeypatch.setenv("ENDS", str(tmp_path / "ends"))
+    for i in range(2):
+        (tmp_path / "shoot" / f"c{i}").mkdir(parents=True)
+        (tmp_path / "shoot" / f"c{i}" / "capture.toml").touch()
+    address, workers = cluster(2, "--preload", tmp_path / "silent.py")
+    jobs = shoot.plan([tmp_path / "shoot"], tmp_path / "out", Settings())
+    orders = batches.Orders(Settings(), batches.limits_of(None, None, 1))
+    outcomes = []
+    for _, outcome in clusters.run(address, jobs, orders, lambda names: None):
+        outcomes.append(outcome)
+        while all(worker.poll() is None for worker in workers):
+            time.sleep(0.1)
+        time.sleep(1)  # the scheduler hears of it, and gives the capture to the other
+    assert [o.grade for o in outcomes] == ["good", "good"], outcomes
+    for job in jobs:
+        assert (job.out / "done").read_text() == "x"
 
 
 @pytest.mark.slow
