@@ -12,9 +12,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from benchmarks.figure import Figure
-from pipeline import batch, child, finished
+from pipeline import batch, finished
+from pipeline.batch import child
+from pipeline.batch.shoot import Job, needs_on_disk, plan
 from pipeline.settings import Settings
-from pipeline.shoot import Job, needs_on_disk, plan
 from stages.compiled import compile_all
 
 ROOM = Path("sample_captures/room")

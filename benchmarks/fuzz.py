@@ -78,9 +78,9 @@ def _image(path: Path) -> None:
 
 
 def _mesh(path: Path) -> None:
-    from pipeline import mesh_files
+    from pipeline.files import meshes
 
-    mesh_files.read(path)
+    meshes.read(path)
 
 
 READERS: dict[str, Callable[[Path], None]] = {

@@ -22,8 +22,8 @@ import numpy as np
 
 from benchmarks import merge_peers, spent
 from benchmarks.figure import Figure
-from pipeline import decoding, raw
 from pipeline.bracket import Bracket, frames
+from pipeline.files import decoding, raw
 from pipeline.simulate.camera import Camera, Shutter, expose
 from pipeline.simulate.dng import Shot, write_dng
 from stages.bracket import workers

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from calibration.primaries import Primaries
 from pipeline import capture, compositions, fitting, previews, runner
-from pipeline import header as headers
 from pipeline import io as files
+from pipeline.files import header as headers
 from pipeline.fitting import Fitted
 from pipeline.previews import Rendered, Rendering
 from pipeline.settings import Settings

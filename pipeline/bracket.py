@@ -13,8 +13,9 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import decoding, io
+from pipeline import io
 from pipeline.errors import fault, storing
+from pipeline.files import decoding
 from stages.region import Region
 from stages.types import Frame
 

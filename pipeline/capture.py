@@ -18,8 +18,8 @@ from calibration.fit import fit
 from calibration.training import computed
 from calibration.transform import Transform, matched, read_transform
 from pipeline import defaults, finished, io, masks, photographs
+from pipeline.files.tables import Table, read_toml
 from pipeline.photographs import Filter, OfSensor
-from pipeline.tables import Table, read_toml
 from stages import lens
 from stages.mask import Mask
 from stages.merge import Known

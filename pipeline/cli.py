@@ -124,7 +124,8 @@ def envmap(
     Example: sixlight envmap sample_captures/room -o build/room
     """
     from pipeline import capture as captures
-    from pipeline import remote, runner, shoot, storage
+    from pipeline import remote, runner, storage
+    from pipeline.batch import shoot
     from pipeline.settings import Settings
 
     settings = Settings(face_size, preview_width, preview_samples)
@@ -188,7 +189,8 @@ def batch(
     from functools import partial
 
     from pipeline import batch as batches
-    from pipeline import shoot, storage
+    from pipeline import storage
+    from pipeline.batch import shoot
     from pipeline.settings import Settings
 
     settings = Settings(face_size, preview_width, preview_samples)
@@ -201,7 +203,7 @@ def batch(
         return
     by = batches.here
     if scheduler is not None:
-        from pipeline import cluster
+        from pipeline.batch import cluster
 
         by = partial(cluster.run, scheduler)
     orders = batches.Orders(settings, limits, keep_going, force)
@@ -274,8 +276,9 @@ def fit(
 
     Example: sixlight fit sample_captures/room/calibration -o M_S.toml --report M_S.html
     """
-    from pipeline import fit_plots, fitting
+    from pipeline import fitting
     from pipeline import report as reports
+    from pipeline.fitting import plots as fit_plots
 
     name = "M_R.toml" if reflectance else "M_S.toml"
     if plots is not None:
@@ -488,7 +491,8 @@ def primaries(
 
     Example: sixlight primaries fit --lights L.csv --surfaces S.csv --channels 7 -o mine
     """
-    from pipeline import fitting, primary_fit
+    from pipeline import fitting
+    from pipeline.fitting import primary_fit
 
     if name == "fit":
         made = primary_fit.new_set(

@@ -17,7 +17,8 @@ from calibration.difference import delta_e_2000, lab
 from calibration.errors import InputError, fault
 from calibration.primaries import Primaries
 from calibration.spectra import WAVELENGTHS, Spectra, read_spectra
-from pipeline import mesh_files, scene_files
+from pipeline.files import meshes
+from pipeline.files import scenes as scene_files
 from pipeline.materials import Maker
 from stages import scenes
 from stages.facing import Side, facing
@@ -101,11 +102,11 @@ def compose(
         return Composition(
             path.stem, read.scene, read.aspect, turn_deg=read.turn_deg, notes=read.notes
         )
-    if path.suffix.lower() in mesh_files.FORMATS:
+    if path.suffix.lower() in meshes.FORMATS:
         return _mesh(path, maker)
     raise fault(
         f"no scene is called {scene!r}",
-        f"{', '.join(NAMES)}, a mesh ({', '.join(mesh_files.FORMATS)}) or a scene file (.toml)",
+        f"{', '.join(NAMES)}, a mesh ({', '.join(meshes.FORMATS)}) or a scene file (.toml)",
         "choose one of these",
     )
 
@@ -121,7 +122,7 @@ def stand(maker: Maker) -> Material:
 
 
 def _mesh(path: Path, maker: Maker) -> Composition:
-    mesh, notes = mesh_files.read(path)
+    mesh, notes = meshes.read(path)
     scene, scale = scenes.on_stand(mesh, red(maker), stand(maker))
     if not 0.8 < scale < 1.25:
         notes = (*notes, f"{path.name}: shown {scale:.3g} times its size, to fit the stand")

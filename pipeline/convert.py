@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pipeline import dds, io, ktx2
+from pipeline import io
 from pipeline.errors import InputError, Problem, fault, storing
+from pipeline.files import dds, ktx2
 from stages import cube
 from stages.export import half_float_scale
 from stages.fill import fill

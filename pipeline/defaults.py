@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from calibration.errors import InputError, Problem
-from pipeline.tables import read_toml
+from pipeline.files.tables import read_toml
 
 NAME = "defaults.toml"
 ROOT = ".sixlight-root"  # in a folder that nothing above counts in: what was brought from elsewhere

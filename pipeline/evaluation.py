@@ -15,7 +15,7 @@ from calibration import primaries as known
 from calibration import sets
 from calibration.spectra import Spectra, join, read_spectra
 from pipeline.errors import InputError, fault, replacing
-from pipeline.spectra_files import read_set
+from pipeline.files.spectra import read_set
 
 PICTURES = ("full_spectra.png", "camera.png")
 

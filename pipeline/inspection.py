@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pipeline import capture as captures
-from pipeline import decoding, io
+from pipeline import io
 from pipeline.bracket import exposure
+from pipeline.files import decoding
 from pipeline.report import shutter
 from stages.develop import develop
 

@@ -21,9 +21,9 @@ import numpy as np
 
 from calibration import icc
 from calibration.display import SRGB, Display, decode
-from pipeline import decoding, raw
 from pipeline.errors import InputError, Problem, fault, storing
-from pipeline.raw import Shot, utf8
+from pipeline.files import decoding, raw
+from pipeline.files.raw import Shot, utf8
 from stages.types import Frame, Lights, Measured, Radiance, Saturated
 
 # ---------------------------------------------------------------------------------------- raw

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from pipeline import io
-from pipeline.tables import Table
+from pipeline.files.tables import Table
 from stages.mask import Mask
 
 

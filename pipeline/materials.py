@@ -18,9 +18,9 @@ from calibration import metals, sets
 from calibration.errors import InputError, fault
 from calibration.primaries import Primaries
 from calibration.spectra import read_spectra
-from pipeline import header as headers
 from pipeline import io
-from pipeline.tables import Table
+from pipeline.files import header as headers
+from pipeline.files.tables import Table
 from stages.scene import BRDFS, Material
 
 # Steps of the cosine at which a gloss is tabulated by angle: between two of them, Fresnel's

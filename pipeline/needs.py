@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import BinaryIO
 
-from pipeline import tiff
+from pipeline.files import tiff
 from pipeline.settings import Settings
 
 # What photographers' cameras write; LibRaw, which knows for certain, would take a second to ask.

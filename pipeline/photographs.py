@@ -12,7 +12,7 @@ from pathlib import Path
 
 from calibration.errors import Problem, fault
 from pipeline import io
-from pipeline.tables import Table
+from pipeline.files.tables import Table
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ import numpy as np
 
 from calibration import look as looks
 from calibration.look import Look
-from pipeline import header as headers
 from pipeline import io
 from pipeline.errors import InputError, Problem, fault, storing
+from pipeline.files import header as headers
 from stages.cube import solid_angles
 
 WHITE = "white_xyz"  # in the header of an XYZ EXR: the scene's white, as `about_white` writes it

@@ -16,10 +16,11 @@ from calibration import look as looks
 from calibration.look import Look
 from calibration.primaries import Primaries
 from calibration.spectra import write_spectra
-from pipeline import header as headers
-from pipeline import io, pictures, video
+from pipeline import io, pictures
 from pipeline.compositions import LIGHTS, Composition, compose
 from pipeline.errors import fault, storing
+from pipeline.files import header as headers
+from pipeline.files import video
 from stages import cube, shadows
 from stages.fill import fill
 from stages.light import light as prepare

@@ -23,12 +23,12 @@ from calibration.errors import InputError, Problem
 from calibration.primaries import Primaries
 from calibration.transform import REFLECTANCE, Transform, matched, read_transform
 from pipeline import digest, io, photographs
-from pipeline import header as headers
 from pipeline.bracket import Bracket
 from pipeline.errors import fault, storing
+from pipeline.files import header as headers
+from pipeline.files.tables import Table, read_toml
 from pipeline.photographs import Filter
 from pipeline.progress import Progress
-from pipeline.tables import Table, read_toml
 from stages.demosaic import demosaic
 from stages.merge import merge
 from stages.reflect import reflect

@@ -16,10 +16,11 @@ from calibration import display, estimate
 from calibration.errors import InputError
 from calibration.primaries import Primaries
 from calibration.spectra import WAVELENGTHS, resample
-from pipeline import header as headers
-from pipeline import io, spectral_exr
+from pipeline import io
 from pipeline.errors import fault, storing
-from pipeline.spectral_exr import SpectralImage
+from pipeline.files import header as headers
+from pipeline.files import spectral_exr
+from pipeline.files.spectral_exr import SpectralImage
 from stages.types import Float, Measured
 
 _ABSOLUTE = "W.m^-2.sr^-1.nm^-1"  # as the layout writes W/(sr m2 nm)
@@ -33,7 +34,7 @@ def to_primaries(
     Six square faces stacked top to bottom, as OpenGL's cube map table has them, make a cubemap.exr
     that `sixlight preview` lights with.
 
-    source   an EXR of spectra, see `pipeline.spectral_exr`, any wavelengths from 400 to 700 nm on
+    source   an EXR of spectra, see `spectral_exr`, any wavelengths from 400 to 700 nm on
     out      the EXR to write
     kind     "light" or "reflectance"
     returns  notes: what in the file was not used, or what to distrust

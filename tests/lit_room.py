@@ -8,8 +8,8 @@ import numpy as np
 
 from calibration import primaries as primary_sets
 from calibration import sets
-from pipeline import header as headers
 from pipeline import io
+from pipeline.files import header as headers
 from stages import cube
 from stages.types import Measured
 

@@ -19,10 +19,11 @@ import numpy as np
 import pytest
 import small_capture
 
-from pipeline import batch, child, finished
-from pipeline.child import CURRENT, DONE, FAILED, LEFT, OURS
+from pipeline import batch, finished
+from pipeline.batch import child
+from pipeline.batch.child import CURRENT, DONE, FAILED, LEFT, OURS
+from pipeline.batch.shoot import needs_on_disk, plan
 from pipeline.settings import Settings
-from pipeline.shoot import needs_on_disk, plan
 
 ROOT = Path(__file__).parent.parent
 
@@ -228,7 +229,7 @@ def test_an_interrupted_batch_ends_its_children_and_itself(tmp_path, number):
         (shoot / f"c{i}" / "capture.toml").touch()
         os.mkfifo(shoot / f"c{i}" / "capture.fifo")
     program = (
-        "import signal, sys; from pipeline import child, cli;"
+        "import signal, sys; from pipeline import cli; from pipeline.batch import child;"
         "child._command = lambda folder, *_:"
         " [sys.executable, '-c', 'open(__import__(\"sys\").argv[1])', f'{folder}/capture.fifo'];"
         "cli.main()"
@@ -357,7 +358,8 @@ def test_whatever_is_doubtful_is_run(copied, change):
 
 def test_looking_imports_nothing_slow(copied):
     program = (
-        "import sys; from pathlib import Path; from pipeline import batch, child, shoot; "
+        "import sys; from pathlib import Path; from pipeline import batch; "
+        "from pipeline.batch import child, shoot; "
         "shoot.plan([Path(sys.argv[1])], None, batch.Settings()); "
         "child.standing(Path(sys.argv[1]), Path(sys.argv[2]), batch.Settings()); "
         "print({'numpy', 'rich', 'rawpy', 'OpenImageIO', 'fsspec'} & set(sys.modules))"

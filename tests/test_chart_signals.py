@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline import chart_signals
+from pipeline.fitting import chart_signals
 from stages.types import Lights
 
 

@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 from pipeline import batch as batches
-from pipeline import cluster as clusters
-from pipeline import shoot
+from pipeline.batch import cluster as clusters
+from pipeline.batch import shoot
 from pipeline.settings import Settings
 
 ROOT = Path(__file__).parent.parent
@@ -23,7 +23,7 @@ ROOT = Path(__file__).parent.parent
 # In place of `envmap`: takes the output's lock, as a run does, and leaves word of each end.
 STAND_IN = '''
 import sys
-from pipeline import child
+from pipeline.batch import child
 
 PROGRAM = """
 import fcntl, json, pathlib, sys, time
@@ -48,7 +48,7 @@ child._command = lambda folder, out, settings, force: [sys.executable, "-c", PRO
 # Finishes a step, and takes its worker with it; but for "hopeless", which finishes none, ever.
 FATAL = '''
 import sys
-from pipeline import child
+from pipeline.batch import child
 
 PROGRAM = """
 import json, os, pathlib, signal, sys
@@ -71,7 +71,7 @@ SILENT = (
     STAND_IN
     + """
 import os, pathlib, signal, threading, time
-from pipeline.cluster import on_worker as ran
+from pipeline.batch.cluster import on_worker as ran
 
 def told(*given, ran=ran):
     answer = ran(*given)
@@ -84,7 +84,7 @@ def told(*given, ran=ran):
     return answer
 
 if ran.__name__ == "on_worker":  # Dask loads this twice
-    from pipeline import cluster
+    from pipeline.batch import cluster
     cluster.on_worker = told
 """
 )

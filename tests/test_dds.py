@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from test_ktx2 import mips
 
-from pipeline import dds
+from pipeline.files import dds
 
 
 def parse(content: bytes) -> list[np.ndarray]:

@@ -13,7 +13,8 @@ import numpy as np
 import plain_dng
 import pytest
 
-from pipeline import decoding, io
+from pipeline import io
+from pipeline.files import decoding
 
 ROOT = Path(__file__).parent.parent
 AS_SHOT = {"time_s": 1.0, "iso": 100.0, "f_number": 1.0}

@@ -9,8 +9,7 @@ from calibration.bands import sensitivities
 from calibration.errors import InputError
 from calibration.fit import fit
 from calibration.training import TrainingSet
-from pipeline import fit_plots
-from pipeline.fitting import Fitted
+from pipeline.fitting import Fitted, plots
 
 LIGHTS = ("A", "D65")
 SIGNED = primaries.load("signed6")
@@ -37,9 +36,9 @@ def fitted(kind=chart.COLORCHECKER24):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", chart.CHARTS)
 def test_four_pictures_show_a_chart_fit(tmp_path, kind):
-    paths = fit_plots.draw(fitted(kind), tmp_path / "plots")
-    assert [path.name for path in paths] == list(fit_plots.PICTURES)
-    assert sorted(p.name for p in (tmp_path / "plots").iterdir()) == sorted(fit_plots.PICTURES)
+    paths = plots.draw(fitted(kind), tmp_path / "plots")
+    assert [path.name for path in paths] == list(plots.PICTURES)
+    assert sorted(p.name for p in (tmp_path / "plots").iterdir()) == sorted(plots.PICTURES)
     for path in paths:
         picture = cv2.imread(str(path))
         assert min(picture.shape[:2]) > 300
@@ -53,9 +52,9 @@ def test_four_pictures_show_a_chart_fit(tmp_path, kind):
 def test_known_curves_need_no_chart_and_pictures_of_others_are_kept(tmp_path):
     _, bands = sensitivities(small_capture.sensitivities(), small_capture.transmittances())
     known = Fitted(fitted().transform, SIGNED, bands=bands)
-    assert [path.name for path in fit_plots.draw(known, tmp_path)] == ["curves.png", "noise.png"]
-    fit_plots.check(tmp_path, force=False)  # our own are replaced
+    assert [path.name for path in plots.draw(known, tmp_path)] == ["curves.png", "noise.png"]
+    plots.check(tmp_path, force=False)  # our own are replaced
     (tmp_path / "noise.png").write_text("a diary")
     with pytest.raises(InputError, match=r"noise\.png: exists and is not ours"):
-        fit_plots.check(tmp_path, force=False)
-    fit_plots.check(tmp_path, force=True)
+        plots.check(tmp_path, force=False)
+    plots.check(tmp_path, force=True)

@@ -7,7 +7,8 @@ import plain_dng
 import pytest
 
 from calibration.errors import InputError
-from pipeline import decoding, io, raw
+from pipeline import io
+from pipeline.files import decoding, raw
 
 ORDERS = ("RGGB", "BGGR", "GRBG", "GBRG")
 BLACKS = (100, 200, 300, 400)

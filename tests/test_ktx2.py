@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from pipeline import ktx2
+from pipeline.files import ktx2
 
 
 @dataclass(frozen=True)

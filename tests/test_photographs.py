@@ -7,7 +7,8 @@ import plain_dng
 import pytest
 import small_capture
 
-from pipeline import capture, raw
+from pipeline import capture
+from pipeline.files import raw
 
 QUICK = {"black_level": small_capture.BLACK, "saturation_level": small_capture.SATURATION}
 

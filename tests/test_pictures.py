@@ -14,9 +14,9 @@ from calibration import icc, measured_display, sets
 from calibration import primaries as primary_sets
 from calibration.display import DISPLAY_P3, REC2020_PQ, SRGB, rec2020_pq
 from calibration.look import Look, shown
-from pipeline import header as headers
 from pipeline import io as files
 from pipeline import pictures
+from pipeline.files import header as headers
 
 LAMP = np.array([1.09850, 1.0, 0.35585])  # illuminant A, CIE 15
 

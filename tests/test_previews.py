@@ -11,9 +11,9 @@ from calibration.adaptation import D65, cat02
 from calibration.difference import delta_e_2000, lab
 from calibration.errors import InputError
 from calibration.look import Look
-from pipeline import header as headers
 from pipeline import io, previews
 from pipeline.compositions import NAMES, compose
+from pipeline.files import header as headers
 from pipeline.previews import Rendering, draw
 from stages import cube
 from stages.fill import fill

@@ -13,7 +13,8 @@ from calibration import sets, transform
 from calibration.adaptation import D65, cat02
 from calibration.difference import delta_e_2000, lab
 from calibration.errors import InputError
-from pipeline import header, io, reflectance
+from pipeline import io, reflectance
+from pipeline.files import header
 
 
 @pytest.fixture(scope="module")

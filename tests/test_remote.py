@@ -19,10 +19,11 @@ import elsewhere
 import fsspec
 from conftest import QUICK
 
-from pipeline import batch, child, defaults, remote
+from pipeline import batch, defaults, remote
+from pipeline.batch import child
+from pipeline.batch.shoot import plan
 from pipeline.errors import InputError, fault, storing
 from pipeline.settings import Settings
-from pipeline.shoot import plan
 from pipeline.storage import Storage, place
 
 SETTINGS = Settings()

@@ -6,8 +6,9 @@ import pytest
 from test_report import words
 
 from calibration import evaluate
-from pipeline import fit_plots, report
+from pipeline import report
 from pipeline.errors import InputError
+from pipeline.fitting import plots
 
 
 @pytest.mark.slow
@@ -15,7 +16,7 @@ def test_the_report_of_a_fit_has_its_figures_and_pictures(tmp_path, sixlight):
     from test_fit_plots import fitted
 
     made = fitted()
-    page = fit_plots.page(made, "M_S.toml")
+    page = plots.page(made, "M_S.toml")
     seen = words(page)
     figures = made.transform.figures
     assert f"as fitted {figures['training_delta_e']['mean']:.2f}" in seen
@@ -23,10 +24,10 @@ def test_the_report_of_a_fit_has_its_figures_and_pictures(tmp_path, sixlight):
         assert f"{amplified:.1f}" in seen
     for value in made.transform.matrix.ravel():
         assert f"{value:.4g}" in seen
-    assert page.count("<svg") == len(fit_plots.figures(made))
+    assert page.count("<svg") == len(plots.figures(made))
     assert "<script" not in page
     assert "mathdefault" not in page
-    assert fit_plots.page(made, "M_S.toml") == page
+    assert plots.page(made, "M_S.toml") == page
 
 
 def test_the_report_of_tables_has_every_cell():

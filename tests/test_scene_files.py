@@ -9,8 +9,9 @@ import pytest
 from calibration import metals, primaries, sets
 from calibration.errors import InputError
 from calibration.spectra import WAVELENGTHS, Spectra, write_spectra
-from pipeline import header as headers
-from pipeline import io, scene_files
+from pipeline import io
+from pipeline.files import header as headers
+from pipeline.files import scenes
 from stages.types import Measured
 
 SET = primaries.load("darling2011")
@@ -21,7 +22,7 @@ ONE = '[[thing]]\nmesh = "sphere"\nmaterial = {{ {} }}\n'
 def read(folder, text):
     path = folder / "scene.toml"
     path.write_text(text)
-    return scene_files.read(path, SET)
+    return scenes.read(path, SET)
 
 
 def material(folder, words):

@@ -4,7 +4,7 @@ import pytest
 from calibration import chart
 from calibration.errors import InputError
 from calibration.spectra import WAVELENGTHS, Spectra, write_spectra
-from pipeline import session
+from pipeline.fitting import session
 
 NAMES = tuple(str(i) for i in range(1, 25))
 ROWS = [f"{i},{10 * i},0,{10 * i + 8},8" for i in range(1, 25)]  # of boxes

@@ -8,8 +8,9 @@ import pytest
 from calibration import primaries, sets
 from calibration.errors import InputError
 from calibration.spectra import WAVELENGTHS
-from pipeline import header, io, spectral, spectral_exr
-from pipeline.spectral_exr import SpectralImage
+from pipeline import io, spectral
+from pipeline.files import header, spectral_exr
+from pipeline.files.spectral_exr import SpectralImage
 from stages.fill import fill
 from stages.prefilter import mean
 from stages.types import Measured

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from pipeline import tiff
+from pipeline.files import tiff
 
 
 def written(**how) -> bytes:

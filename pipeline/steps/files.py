@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from pipeline import digest, io
-from pipeline import header as headers
 from pipeline.capture import Capture
+from pipeline.files import header as headers
 from pipeline.steps.step import Learnt
 from stages.mirror import Sphere
 from stages.region import Region

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 
-from pipeline import io, ktx2, previews
+from pipeline import io, previews
 from pipeline.capture import Capture
 from pipeline.compositions import compose
+from pipeline.files import ktx2
 from pipeline.report import envmap as report
 from pipeline.settings import Settings
 from pipeline.steps.files import LATLONG, light_header

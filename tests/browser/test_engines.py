@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 from seen_from_inside import VIEWS, colours, directions
 
-from pipeline import io, ktx2
+from pipeline import io
+from pipeline.files import ktx2
 from stages import cube
 from stages.prefilter import prefilter
 

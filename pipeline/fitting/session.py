@@ -23,7 +23,7 @@ from calibration.fit import CHART_METHOD, METHODS
 from calibration.spectra import Spectra, read_spectra
 from pipeline import io
 from pipeline.errors import InputError, Problem, fault
-from pipeline.tables import Table, read_toml
+from pipeline.files.tables import Table, read_toml
 
 SETTINGS_FILE = "calibration.toml"
 RADIANCE_FILE = "radiance.csv"

@@ -18,9 +18,9 @@ from calibration.spectra import read_spectra
 from calibration.training import TrainingSet, computed, photographed
 from calibration.transform import LIGHT, REFLECTANCE, Transform, read_transform, to_toml
 from pipeline import digest, io
-from pipeline.chart_signals import chart_signals
 from pipeline.errors import InputError, fault, replacing
-from pipeline.session import Session, read_session
+from pipeline.fitting.chart_signals import chart_signals
+from pipeline.fitting.session import Session, read_session
 
 
 @dataclass(frozen=True)
@@ -63,13 +63,13 @@ def from_session(
     reflectance: bool = False,
     quiet: bool = False,
 ) -> Fitted:
-    """M_S, or M_R for reflectance, from a calibration folder (see `pipeline.session`).
+    """M_S, or M_R for reflectance, from a calibration folder (see `session`).
 
     wanted, method  primaries and method; None takes the folder's own choice
     reflectance     M_R: signals and readings over those of the chart's brightest patch
 
-    The figures' `left_out` and `notes` are those of `pipeline.chart_signals`. InputError lists
-    everything wrong with the folder's files at once.
+    The figures' `left_out` and `notes` are those of `chart_signals`. InputError lists everything wrong
+    with the folder's files at once.
     """
     session = read_session(folder)
     if wanted is not None:

@@ -57,7 +57,7 @@ LIMITS = Limits()
 _PATIENCE_S = 0.1
 _EXPECTED = "a complete raw file"
 _REMEDY = "copy the file again from the camera, or leave it out"
-_PROGRAM = "from pipeline import decoding; decoding.serve()"
+_PROGRAM = "from pipeline.files import decoding; decoding.serve()"
 _TIMES_UP = (signal.SIGPROF, signal.SIGALRM)  # by the processor's clock, and by the wall's
 _HEAD = 8  # bytes of a message's length
 
@@ -65,7 +65,7 @@ _HEAD = 8  # bytes of a message's length
 def run(function: Callable[..., T], path: Path, *given: Any, file: int | None = None) -> T:
     """function(path, *given) in a process apart.
 
-    function  of `pipeline.raw`
+    function  of `pipeline.files.raw`
     path      the raw file, which is what is at fault where the process fails
     file      descriptor of an open file, that the function is given as `file=` to write to
     raises    what the function does; InputError where it crashes or exceeds LIMITS
@@ -96,7 +96,7 @@ class _Decoder:
     """A process that decodes one file after another; OSError where it cannot be started."""
 
     def __init__(self) -> None:
-        ours = str(Path(__file__).parent.parent)
+        ours = str(Path(__file__).parents[2])
         theirs = os.environ.get("PYTHONPATH")
         self.used = False
         self._socket, other = socket.socketpair()

@@ -72,7 +72,7 @@ class Run:
         self.began = time.monotonic()
         self._said = tempfile.TemporaryFile()  # noqa: SIM115 - closed when the process has ended
         self._timed_out = False
-        ours = str(Path(__file__).parent.parent)
+        ours = str(Path(__file__).parents[2])
         theirs = os.environ.get("PYTHONPATH")
         self.process = subprocess.Popen(
             _command(folder, out, settings, force),

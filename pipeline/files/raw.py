@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import fault
-from pipeline import tiff
+from pipeline.files import tiff
 
 
 @dataclass(frozen=True)

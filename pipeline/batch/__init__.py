@@ -24,12 +24,12 @@ from pathlib import Path
 from typing import Any
 
 from calibration.errors import fault, legible
-from pipeline import child
-from pipeline.child import CURRENT, DONE, FAILED, LEFT, OURS, STATES, Outcome, Run
+from pipeline.batch import child
+from pipeline.batch.child import CURRENT, DONE, FAILED, LEFT, OURS, STATES, Outcome, Run
+from pipeline.batch.shoot import AT_ONCE, Job, name_of
 from pipeline.errors import storing
 from pipeline.progress import Captures
 from pipeline.settings import Settings
-from pipeline.shoot import AT_ONCE, Job, name_of
 from pipeline.storage import Place, Storage, Url
 
 SUMMARY = "batch.json"

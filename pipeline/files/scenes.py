@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calibration.primaries import Primaries
-from pipeline import mesh_files
 from pipeline.errors import InputError, Problem, fault
+from pipeline.files import meshes
+from pipeline.files.tables import Table, read_toml
 from pipeline.materials import Maker
-from pipeline.tables import Table, read_toml
 from stages.meshes import placed, plane, sphere, teapot_mesh
 from stages.scene import Camera, Material, Mesh, Scene
 from stages.scenes import fitted_camera
@@ -115,7 +115,7 @@ def _thing(
     scale = table.number("scale", "times its size", low=1e-9, high=1e9)
     turn_deg = table.number("turn_deg", "degrees", low=-3600, high=3600)
     up = table.text("up", "y")
-    if up not in mesh_files.UPS:
+    if up not in meshes.UPS:
         table.wrong("up", repr(up), '"y" or "z"', "say which of the file's axes is up")
         up = "y"
     material = _material(table, maker, materials)
@@ -160,6 +160,6 @@ def _mesh(name: str, maker: Maker, up: str) -> Mesh:
         return MESHES[name]()
     if not Path(name).suffix:
         raise fault(repr(name), f"{', '.join(MESHES)}, or a file", "name one")
-    mesh, said = mesh_files.read(maker.file(name), up=up)
+    mesh, said = meshes.read(maker.file(name), up=up)
     maker.notes.extend(said)
     return mesh

@@ -19,12 +19,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from pipeline import child, finished
-from pipeline.batch import Ended, Orders, Running
-from pipeline.child import FAILED, OURS, Outcome, Run
+from pipeline import finished
+from pipeline.batch import Ended, Orders, Running, child
+from pipeline.batch.child import FAILED, OURS, Outcome, Run
+from pipeline.batch.shoot import Job
 from pipeline.errors import fault
 from pipeline.settings import Settings
-from pipeline.shoot import Job
 from pipeline.storage import address, place
 
 _ANSWER_S = 10.0  # that a scheduler is given to answer

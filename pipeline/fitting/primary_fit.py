@@ -8,7 +8,7 @@ from pathlib import Path
 from calibration import optimise, sets
 from calibration.errors import InputError, fault
 from calibration.primaries import Primaries
-from pipeline.spectra_files import read_set
+from pipeline.files.spectra import read_set
 
 
 def new_set(

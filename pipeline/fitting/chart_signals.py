@@ -13,8 +13,8 @@ from calibration import chart_finder
 from pipeline import io
 from pipeline.bracket import Bracket
 from pipeline.errors import InputError, Problem, fault
+from pipeline.fitting.session import Light, Session
 from pipeline.progress import Progress
-from pipeline.session import Light, Session
 from stages.demosaic import demosaic
 from stages.merge import merge
 from stages.scale import scale
