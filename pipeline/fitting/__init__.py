@@ -68,8 +68,8 @@ def from_session(
     wanted, method  primaries and method; None takes the folder's own choice
     reflectance     M_R: signals and readings over those of the chart's brightest patch
 
-    The figures' `left_out` and `notes` are those of `chart_signals`. InputError lists everything wrong
-    with the folder's files at once.
+    The figures' `left_out` and `notes` are those of `chart_signals`. InputError lists everything
+    wrong with the folder's files at once.
     """
     session = read_session(folder)
     if wanted is not None:
