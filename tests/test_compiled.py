@@ -50,11 +50,9 @@ def test_the_command_line_does_not_load_the_compiler():
 # Every compiled function over every size that differs in what rows and columns are left over.
 EDGES = """
 import numpy as np
-from stages.compiled import compile_all
 from stages import merge as merging
 from stages.merge import InMemory, merge
 from stages.types import Frame
-compile_all()
 rng = np.random.default_rng(1)
 black = np.full((2, 2), 100.0)
 sizes = [(6, 6), (6, 7), (7, 6), (9, 8), (13, 11), (23, 40), (41, 6), (6, 41), (77, 53)]
@@ -78,30 +76,20 @@ print("inside")
 
 
 @pytest.mark.slow
-def test_no_index_lies_outside_of_an_array_whatever_its_size(tmp_path):
+def test_compiled_beforehand_and_no_index_outside_of_an_array_whatever_its_size(tmp_path):
+    """Merging finds everything there, compiled to check each index."""
+    environment = os.environ | {"NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(tmp_path)}
+    run = [sys.executable, "-m", "pipeline.compiling"]
+    subprocess.run(run, env=environment, check=True, capture_output=True)
+    before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nb?")}
     ran = subprocess.run(
         [sys.executable, "-W", "error", "-c", EDGES],
-        env=os.environ | {"NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(tmp_path)},
+        env=environment,
         capture_output=True,
         text=True,
         check=False,
     )
     assert ran.stdout == "inside\n", ran.stderr
-
-
-@pytest.mark.slow
-def test_all_functions_are_compiled_beforehand(tmp_path):
-    """Merging afterwards finds everything there."""
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
-    run = [sys.executable, "-m", "pipeline.compiling"]
-    subprocess.run(run, env=environment, check=True, capture_output=True)
-    before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nb?")}
-    subprocess.run(
-        [sys.executable, "-c", EDGES.replace("compile_all()", "")],
-        env=environment,
-        check=True,
-        capture_output=True,
-    )
     after = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nb?")}
     assert before
     assert after == before
