@@ -112,12 +112,26 @@ def know(values, variance, valid, weight, box):
     # Four numbers are read from a pixel on, also where there are fewer: not past the array's end.
     end = height * width * channels - channels - lanes.COUNT
     for y in range(y0, y1):
+        first, stop = (y * width + x0) * channels, (y * width + x1) * channels
+        if stop <= end and _all_finite(values.ravel(), variance.ravel(), first, stop):
+            for x in range(x0, x1):
+                weight[y, x] = valid[y, x]
+            continue
         for x in range(x0, x1):
-            total = _ZERO
+            known = (y * width + x) * channels <= end
             for k in range(channels):
-                total += values[y, x, k] + variance[y, x, k]
-            known = math.isfinite(total) and (y * width + x) * channels <= end
+                known &= math.isfinite(values[y, x, k] + variance[y, x, k])
             weight[y, x] = valid[y, x] if known else _ZERO
+
+
+@compiled
+def _all_finite(a, b, first, stop):
+    """Whether all sums a + b in a range are, many of them at a time."""
+    off = False
+    for i in range(first, stop):
+        total = a[np.uintp(i)] + b[np.uintp(i)]
+        off |= total - total != _ZERO
+    return not off
 
 
 @compiled
@@ -439,9 +453,11 @@ def _finish(
     for i in range(n):
         across[i] /= np.float32(split)
         down[i] /= np.float32(split)
+    xx, yy, xy = np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32)
+    _measure(ax, ay, bx, by, across, down, xx, yy, xy)
     factors = np.empty((3, n), np.float32)
     for k in range(channels):
-        _share(ax, ay, bx, by, across, down, noise_area_px[k], factors[k])
+        _share(xx, yy, xy, noise_area_px[k], factors[k])
     per_cell = 1.0 / (split * split)
     for i in range(n):
         at = np.uintp(i)
@@ -457,10 +473,7 @@ def _finish(
         for k in range(channels):
             factor = factors[np.uintp(k), at]
             if not whole:
-                moments = _moments(
-                    ax[i], ay[i], ax[i + 1], ay[i + 1], bx[i], by[i], bx[i + 1], by[i + 1],
-                    across[i], down[i],
-                )  # fmt: skip
+                moments = xx[at], yy[at], xy[at]
                 factor = _in_part(moments, noise_area_px[k], known, squares)
             to = np.uintp(into + k)
             mean[at, to] = np.float32(sums[at, np.uintp(k)]) * once
@@ -531,20 +544,27 @@ def _between(a, b, c, d, u, v):
 
 
 @compiled
-def _share(ax, ay, bx, by, across, down, s, factor):
-    """S / (S - 1 + A) of a row of texels, known throughout: see `unwrap`. Written.
+def _measure(ax, ay, bx, by, across, down, xx, yy, xy):
+    """The moments of a row of texels: written.
 
     ax, ay  (n + 1,) px of their upper corners; bx, by of their lower ones
+    """
+    for i in range(len(xx)):
+        xx[i], yy[i], xy[i] = _moments(
+            ax[i], ay[i], ax[i + 1], ay[i + 1], bx[i], by[i], bx[i + 1], by[i + 1],
+            across[i], down[i],
+        )  # fmt: skip
+
+
+@compiled
+def _share(xx, yy, xy, s, factor):
+    """S / (S - 1 + A) of a row of texels of such moments, known throughout: see `unwrap`. Written.
 
     A footprint's area is the root of its moments' determinant. Noise that S pixels have in common
     widens it by S - 1 px^2 both ways: a long and narrow texel gains more by it than a square one.
     """
     for i in range(len(factor)):
-        moments = _moments(
-            ax[i], ay[i], ax[i + 1], ay[i + 1], bx[i], by[i], bx[i + 1], by[i + 1],
-            across[i], down[i],
-        )  # fmt: skip
-        factor[i] = s / _drawn(moments, s)
+        factor[i] = s / _drawn((xx[i], yy[i], xy[i]), s)
 
 
 @compiled
