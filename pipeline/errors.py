@@ -10,7 +10,7 @@ from pathlib import Path
 
 from calibration.errors import InputError, Problem, fault
 
-__all__ = ["InputError", "Problem", "fault", "reading", "replacing", "storing"]
+__all__ = ["InputError", "Problem", "fault", "out_of_memory", "reading", "replacing", "storing"]
 
 # What the operating system says when a place cannot take a file, and what the user can do.
 _STORAGE = {
@@ -25,6 +25,21 @@ _STORAGE = {
     errno.EISDIR: ("a folder stands where a file is needed", "remove it or choose another -o"),
     errno.ENAMETOOLONG: ("the name is too long", "choose a shorter one with -o"),
 }
+
+# What libraries say that have no more memory, and raise as something else than a MemoryError.
+_NO_MEMORY = (
+    "bad_alloc",
+    "can't start new thread",
+    "cannot allocate memory",
+    "failed to map segment",
+    "insufficient memory",
+)
+
+
+def out_of_memory(error: Exception) -> bool:
+    """Whether it means that the machine has no more memory to give, whichever library raised it."""
+    said = str(error).lower()
+    return isinstance(error, MemoryError) or any(words in said for words in _NO_MEMORY)
 
 
 @contextmanager

@@ -9,12 +9,15 @@ import signal
 import subprocess
 import sys
 import time
+import zlib
 from pathlib import Path
 
+import numpy as np
 import pytest
 from conftest import digests
 
 from pipeline import cli, digest, runner
+from pipeline.steps import geometry
 
 ROOT = Path(__file__).parent.parent
 
@@ -84,6 +87,42 @@ def test_an_interrupt_says_nothing_and_ends_with_130(sixlight, bands, tmp_path, 
     monkeypatch.setattr(runner, "_key", interrupted)
     outcome = sixlight("envmap", bands, "-o", tmp_path / "out", "--quiet")
     assert (outcome.status, outcome.out, outcome.err) == (cli.INTERRUPTED, "", "")
+
+
+def test_memory_that_runs_out_is_a_line_and_what_is_finished_stays(
+    sixlight, bands, tmp_path, monkeypatch
+):
+    def greedy(*_, **__):
+        np.empty(1 << 50)
+
+    run = "envmap", bands, "-o", tmp_path / "out", "--quiet"
+    with monkeypatch.context() as patched:
+        patched.setattr(geometry, "unwrap", greedy)
+        outcome = sixlight(*run)
+    assert outcome.status == 2
+    assert outcome.err.startswith("sixlight: memory ran out")
+    assert len(outcome.err.splitlines()) == 1
+    merged = {k: v for k, v in digests(tmp_path / "out").items() if "merged" in k}
+    assert merged
+    assert sixlight(*run).status == 0
+    assert digests(tmp_path / "out").items() >= merged.items()
+
+
+@pytest.mark.slow
+def test_little_memory_from_the_start_is_a_line(bands, tmp_path):
+    """Little more than libraries take: what comes first, an array or a thread, is too much."""
+    program = (
+        "import resource, sys; from pathlib import Path; from pipeline import cli, runner, steps;"
+        "from stages import footprint, merge, preview;"
+        "pages = int(Path('/proc/self/statm').read_text().split()[0]);"
+        "most = pages * resource.getpagesize() + (8 << 20);"
+        "resource.setrlimit(resource.RLIMIT_AS, (most, most)); cli.main()"
+    )
+    run = [sys.executable, "-c", program, "envmap", bands, "-o", tmp_path / "out", "--quiet"]
+    ended = subprocess.run(run, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert ended.returncode == 2, ended.stderr
+    assert ended.stderr.startswith("sixlight: memory ran out")
+    assert len(ended.stderr.splitlines()) == 1
 
 
 @pytest.mark.slow
@@ -260,24 +299,41 @@ def test_markup_in_a_captures_own_words_stays_text(sixlight, bands):
 # ----------------------------------------------------------------------------------- hostile files
 
 
-def claims(path: Path, width: int, height: int) -> None:
-    """Makes a DNG's directory say another size."""
+WIDTH, HEIGHT, BITS, COMPRESSION, STRIPS, STRIP_BYTES, FORMAT = 256, 257, 258, 259, 273, 279, 339
+
+
+def claims(path: Path, values: dict[int, int]) -> None:
+    """Makes a DNG's directory say other numbers, by tag."""
     import struct
 
     content = bytearray(path.read_bytes())
     (at,) = struct.unpack_from("<I", content, 4)
     (count,) = struct.unpack_from("<H", content, at)
     for entry in range(at + 2, at + 2 + 12 * count, 12):
-        tag, _, _ = struct.unpack_from("<HHI", content, entry)
-        if tag in (256, 257):
-            kind, value = 4, width if tag == 256 else height
-            struct.pack_into("<HHII", content, entry, tag, kind, 1, value)
+        (tag,) = struct.unpack_from("<H", content, entry)
+        if tag in values:
+            struct.pack_into("<HHII", content, entry, tag, 4, 1, values[tag])
     path.write_bytes(content)
 
 
 @pytest.mark.parametrize(("width", "height"), [(65535, 65535), (30000, 20000)])
 def test_a_raw_file_that_claims_to_be_enormous(sixlight, small, width, height):
-    claims(small / "cyan" / "cyan_1.dng", width, height)
+    claims(small / "cyan" / "cyan_1.dng", {WIDTH: width, HEIGHT: height})
+    outcome = sixlight("inspect", small)
+    assert outcome.status == 2
+    assert len(outcome.err.splitlines()) == 1
+    assert "cyan_1.dng: " in outcome.err
+
+
+def test_a_raw_file_that_unpacks_to_a_thousand_times_its_size(sixlight, small):
+    dng = small / "cyan" / "cyan_1.dng"
+    packer = zlib.compressobj()
+    packed = b"".join(packer.compress(bytes(1 << 24)) for _ in range(32)) + packer.flush()
+    size = dng.stat().st_size
+    with dng.open("ab") as file:
+        file.write(packed)
+    deflated = {COMPRESSION: 8, STRIPS: size, STRIP_BYTES: len(packed)}
+    claims(dng, deflated | {BITS: 32, FORMAT: 3})
     outcome = sixlight("inspect", small)
     assert outcome.status == 2
     assert len(outcome.err.splitlines()) == 1

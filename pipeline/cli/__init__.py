@@ -18,9 +18,10 @@ from typing import Annotated
 
 import typer
 
-from calibration.errors import InputError, legible
+from calibration.errors import InputError, Problem, legible
 from pipeline.cli import captures, colour, images  # noqa: F401 - their verbs
 from pipeline.cli.shared import app
+from pipeline.errors import out_of_memory
 
 INTERRUPTED = 130
 
@@ -59,6 +60,12 @@ def status(arguments: list[str] | None = None) -> int:
     except InputError as error:
         for problem in error.problems:
             print(problem, file=sys.stderr)
+        return 2
+    except Exception as error:
+        if not out_of_memory(error):
+            raise
+        remedy = "end other programs, or give it a larger machine; what is finished stays"
+        print(Problem("memory ran out", "", remedy, "sixlight"), file=sys.stderr)
         return 2
 
 
