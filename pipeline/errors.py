@@ -10,7 +10,7 @@ from pathlib import Path
 
 from calibration.errors import InputError, Problem, fault
 
-__all__ = ["InputError", "Problem", "fault", "out_of_memory", "reading", "replacing", "storing"]
+__all__ = ["InputError", "Problem", "fault", "of_machine", "reading", "replacing", "storing"]
 
 # What the operating system says when a place cannot take a file, and what the user can do.
 _STORAGE = {
@@ -23,6 +23,10 @@ _STORAGE = {
     errno.ENOTDIR: ("a file stands where a folder is needed", "choose another folder with -o"),
     errno.EEXIST: ("a file stands where a folder is needed", "choose another folder with -o"),
     errno.EISDIR: ("a folder stands where a file is needed", "remove it or choose another -o"),
+    errno.EIO: ("the device fails", "check the disk, and choose another folder with -o"),
+    errno.ESTALE: ("the file system is gone", "mount it again, or choose another with -o"),
+    errno.ENOTCONN: ("the file system is gone", "mount it again, or choose another with -o"),
+    errno.ENODEV: ("the file system is gone", "mount it again, or choose another with -o"),
     errno.ENAMETOOLONG: ("the name is too long", "choose a shorter one with -o"),
 }
 
@@ -36,10 +40,18 @@ _NO_MEMORY = (
 )
 
 
-def out_of_memory(error: Exception) -> bool:
-    """Whether it means that the machine has no more memory to give, whichever library raised it."""
+def of_machine(error: Exception) -> Problem | None:
+    """What the machine had no more of, whichever library raised it; None where it is no such error.
+
+    What cannot be stored is told by `storing`; what is left is what we print.
+    """
     said = str(error).lower()
-    return isinstance(error, MemoryError) or any(words in said for words in _NO_MEMORY)
+    if isinstance(error, MemoryError) or any(words in said for words in _NO_MEMORY):
+        remedy = "end other programs, or give it a larger machine; what is finished stays"
+        return Problem("memory ran out", "", remedy, "sixlight")
+    if isinstance(error, OSError) and error.filename is None and error.errno in _STORAGE:
+        return Problem(_STORAGE[error.errno][0], "", "print to another place", "standard output")
+    return None
 
 
 @contextmanager

@@ -108,6 +108,29 @@ def test_memory_that_runs_out_is_a_line_and_what_is_finished_stays(
     assert digests(tmp_path / "out").items() >= merged.items()
 
 
+@pytest.mark.parametrize("buffered", ["", "1"])
+def test_what_cannot_be_printed(buffered):
+    full = Path("/dev/full")
+    if not full.exists():
+        pytest.skip("there is no /dev/full here")
+    command = [sys.executable, "-m", "pipeline", "steps"]
+    environment = {**os.environ, "PYTHONUNBUFFERED": buffered}
+    with full.open("w") as out:
+        ended = subprocess.run(
+            command, cwd=ROOT, env=environment, stdout=out, stderr=subprocess.PIPE, check=False
+        )
+    assert ended.returncode == 2
+    assert ended.stderr.startswith(b"standard output: no space is left")
+    assert ended.stderr.count(b"\n") == 1
+    gone = subprocess.Popen(
+        command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    gone.stdout.close()  # as `head` does, once it has enough
+    assert gone.stderr.read() == b""
+    gone.wait()
+    gone.stderr.close()
+
+
 @pytest.mark.slow
 def test_little_memory_from_the_start_is_a_line(bands, tmp_path):
     """Little more than libraries take: what comes first, an array or a thread, is too much."""

@@ -9,7 +9,6 @@ needs is imported inside it, so that `sixlight --help` answers at once.
 
 from __future__ import annotations
 
-import contextlib
 import io
 import os
 import signal
@@ -18,10 +17,10 @@ from typing import Annotated
 
 import typer
 
-from calibration.errors import InputError, Problem, legible
+from calibration.errors import InputError, legible
 from pipeline.cli import captures, colour, images  # noqa: F401 - their verbs
 from pipeline.cli.shared import app
-from pipeline.errors import out_of_memory
+from pipeline.errors import of_machine
 
 INTERRUPTED = 130
 
@@ -36,11 +35,16 @@ def main() -> None:
     # it is read when NumPy is imported, which nothing above does.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     ended = status()
-    if ended == INTERRUPTED:
-        for stream in (sys.stdout, sys.stderr):
-            with contextlib.suppress(OSError):
-                stream.flush()
-        os._exit(ended)  # at once: threads of libraries may be in the middle of something
+    unheard = False
+    for stream in filter(None, (sys.stdout, sys.stderr)):
+        try:
+            stream.flush()
+        except OSError:
+            unheard = True
+    if unheard or ended == INTERRUPTED:
+        # At once: threads of libraries may be in the middle of something, and Python would try
+        # to print again.
+        os._exit(ended)
     sys.exit(ended)
 
 
@@ -51,7 +55,9 @@ def _interrupt(*_) -> None:
 def status(arguments: list[str] | None = None) -> int:
     """Runs the command line, or the arguments given, and returns the exit status."""
     try:
-        return app(args=arguments, standalone_mode=False) or 0
+        ended = app(args=arguments, standalone_mode=False) or 0
+        print(end="", flush=True)  # what cannot be printed is to be told here, not at the very end
+        return ended
     except typer.TyperException as error:
         print(f"sixlight: {legible(error.format_message())}", file=sys.stderr)
         return 2
@@ -61,11 +67,12 @@ def status(arguments: list[str] | None = None) -> int:
         for problem in error.problems:
             print(problem, file=sys.stderr)
         return 2
+    except BrokenPipeError:  # whoever read has enough, as `head` has; Typer ends so, too
+        return 1
     except Exception as error:
-        if not out_of_memory(error):
+        if (told := of_machine(error)) is None:
             raise
-        remedy = "end other programs, or give it a larger machine; what is finished stays"
-        print(Problem("memory ran out", "", remedy, "sixlight"), file=sys.stderr)
+        print(told, file=sys.stderr)
         return 2
 
 
