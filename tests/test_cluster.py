@@ -130,6 +130,7 @@ def cluster(tmp_path):
         ]
         return json.loads(address.read_text())["address"], workers
 
+    start.scheduler = lambda: processes[0]
     yield start
     for each in reversed(processes):
         each.kill()
@@ -197,7 +198,8 @@ def test_an_answer_that_died_with_its_worker_is_waited_for(cluster, tmp_path, mo
     jobs = shoot.plan([tmp_path / "shoot"], tmp_path / "out", Settings())
     orders = batches.Orders(Settings(), batches.limits_of(None, None, 1))
     outcomes = []
-    for _, outcome in clusters.run(address, jobs, orders, lambda names: None):
+    running = []
+    for _, outcome in clusters.run(address, jobs, orders, running.append):
         outcomes.append(outcome)
         while all(worker.poll() is None for worker in workers):
             time.sleep(0.1)
@@ -205,6 +207,28 @@ def test_an_answer_that_died_with_its_worker_is_waited_for(cluster, tmp_path, mo
     assert [o.grade for o in outcomes] == ["good", "good"], outcomes
     for job in jobs:
         assert (job.out / "done").read_text() == "x"
+    assert {name for names in running for name in names} >= {"c0", "c1"}
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_dies_ends_the_batch_with_sentences(cluster, tmp_path):
+    for i in range(2):
+        (tmp_path / "shoot" / f"c{i}").mkdir(parents=True)
+        (tmp_path / "shoot" / f"c{i}" / "capture.toml").touch()
+    address, _ = cluster(0)
+    jobs = shoot.plan([tmp_path / "shoot"], tmp_path / "out", Settings())
+    orders = batches.Orders(Settings(), batches.limits_of(None, None, 1))
+    running = []
+
+    def seen(names):
+        running.append(names)
+        if len(running) == 2:
+            cluster.scheduler().kill()
+
+    outcomes = [outcome for _, outcome in clusters.run(address, jobs, orders, seen)]
+    assert running[0] == ["waiting for workers"]
+    assert [o.state for o in outcomes] == ["failed", "failed"]
+    assert all("the cluster could not run it" in o.error[0] for o in outcomes)
 
 
 @pytest.mark.slow
@@ -213,7 +237,7 @@ def test_captures_by_url_are_brought_to_the_workers(cluster, tmp_path, monkeypat
     monkeypatch.setenv("TMPDIR", str(tmp_path / "scratch"))
     (tmp_path / "scratch").mkdir()
     (tmp_path / "stand_in.py").write_text(
-        f"import sys\nfrom pipeline import child\nPROGRAM = {elsewhere.PROGRAM!r}\n"
+        f"import sys\nfrom pipeline.batch import child\nPROGRAM = {elsewhere.PROGRAM!r}\n"
         "child._command = lambda folder, out, *_:"
         " [sys.executable, '-c', PROGRAM, child.address(out), child.address(folder)]\n"
     )

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import time
 import uuid
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -68,7 +68,7 @@ def run(scheduler: str, jobs: Sequence[Job], orders: Orders, running: Running) -
 
         try:
             ended = as_completed([given_out(job) for job in jobs], loop=client.loop)
-            for future in ended:
+            for future in _meanwhile(ended, lambda: running(_at_work(client, futures))):
                 job, done_before, in_vain = futures[future]
                 if future.status == "lost":  # its worker died before it told: Dask runs it again
                     ended.add(future)
@@ -88,6 +88,27 @@ def run(scheduler: str, jobs: Sequence[Job], orders: Orders, running: Running) -
             stop.set()
             client.cancel(list(futures))
             raise
+
+
+def _meanwhile(ended, look: Callable[[], None]) -> Iterator[Any]:
+    """What has ended, as `as_completed` has it; `look` is called now and again between."""
+    while ended.count():
+        if ended.has_ready():
+            yield next(ended)
+        else:
+            look()
+            time.sleep(_LOOK_S)
+
+
+def _at_work(client, futures: dict[Any, _Try]) -> list[str]:
+    """Names of the captures that workers have; or that there are no workers, who may yet come."""
+    try:
+        workers = client.processing()
+    except (OSError, RuntimeError):  # the scheduler is gone; the futures will say so
+        return []
+    keys = {key for given in workers.values() for key in given}
+    names = [tried.job.name for future, tried in futures.items() if future.key in keys]
+    return names if workers else ["waiting for workers"]
 
 
 class _Try(NamedTuple):

@@ -19,7 +19,7 @@ from calibration.training import TrainingSet, computed, photographed
 from calibration.transform import LIGHT, REFLECTANCE, Transform, read_transform, to_toml
 from pipeline import digest, io
 from pipeline.errors import InputError, fault, replacing
-from pipeline.fitting.chart_signals import chart_signals
+from pipeline.fitting.chart import chart_signals
 from pipeline.fitting.session import Session, read_session
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.fitting import chart_signals
+from pipeline.fitting import chart
 from stages.types import Lights
 
 
@@ -12,8 +12,8 @@ def test_brackets_whose_scale_is_in_doubt_are_named():
     of_white = Lights((1 / 500, 1 / 125), (1 / 512, 1 / 128), (1 / 500, 1 / 125), (0, 1))
     signals = np.ones((24, 3))
     seen = {
-        "A": chart_signals._Seen(signals, signals, (exposed,), ()),
-        "D65": chart_signals._Seen(signals, signals, (exposed,), (of_white,)),
+        "A": chart._Seen(signals, signals, (exposed,), ()),
+        "D65": chart._Seen(signals, signals, (exposed,), (of_white,)),
     }
-    _, (note,) = chart_signals._on_one_scale(seen, ["cyan"])
+    _, (note,) = chart._on_one_scale(seen, ["cyan"])
     assert "A through cyan and D65 through cyan and the white of D65 through cyan may" in note
