@@ -103,6 +103,9 @@ test-browser: $(STAMP) $(VENV)/.with-browser  ## the tests in a headless Chromiu
 		npm install --silent --no-save --no-audit --no-fund --prefix build/browser $(NPM_PACKAGES)
 	@$(BIN)/python -m pytest tests/browser
 
+test-cluster: $(STAMP) $(VENV)/.with-cluster  ## the tests with a Dask cluster, and of captures by URL
+	@$(BIN)/python -m pytest -n auto --dist loadfile tests/test_cluster.py tests/test_remote.py tests/test_storage.py
+
 docs: $(STAMP) $(VENV)/.with-docs  ## the documentation as pages, in build/site; a broken link is an error
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 	@echo build/site/index.html
@@ -124,4 +127,4 @@ audit: $(STAMP) $(VENV)/.with-supply  ## known vulnerabilities of all that is lo
 clean:  ## remove results and caches, keep the environment
 	rm -rf build dist .mypy_cache .pytest_cache .ruff_cache
 
-.PHONY: help setup envmap batch fit preview view tables figures sample check-sample bench test test-slow test-browser docs lint lock sbom audit clean
+.PHONY: help setup envmap batch fit preview view tables figures sample check-sample bench test test-slow test-browser test-cluster docs lint lock sbom audit clean
