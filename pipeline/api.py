@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.primaries import Primaries
-from pipeline import capture, compositions, fitting, previews, runner
-from pipeline import io as files
+from pipeline import capture, compositions, fitting, io, previews, runner
 from pipeline.files import header as headers
 from pipeline.fitting import Fitted
 from pipeline.previews import Rendered, Rendering
@@ -80,8 +79,8 @@ def load(envmap_folder: str | Path) -> EnvironmentMap:
     """The map in a folder that `envmap` wrote, or in a cubemap.exr."""
     given = Path(envmap_folder)
     file = given / "cubemap.exr" if given.is_dir() else given
-    measured, names = files.read_measured(file, cube=True)
-    header = files.read_exr(file)[2]
+    measured, names = io.read_measured(file, cube=True)
+    header = io.read_exr(file)[2]
     told = file.parent / "result.json"
     return EnvironmentMap(
         file,

@@ -9,15 +9,7 @@ from typing import Annotated
 import typer
 
 from calibration.errors import legible
-from pipeline.cli.shared import (
-    Force,
-    Json,
-    Quiet,
-    app,
-    as_json,
-    say,
-    say_notes,
-)
+from pipeline.cli.shared import Force, Json, Quiet, app, as_json, say, say_notes
 
 
 @app.command()

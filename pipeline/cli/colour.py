@@ -8,15 +8,7 @@ from typing import Annotated
 
 import typer
 
-from pipeline.cli.shared import (
-    Force,
-    Json,
-    Quiet,
-    app,
-    as_json,
-    say,
-    say_notes,
-)
+from pipeline.cli.shared import Force, Json, Quiet, app, as_json, say, say_notes
 
 
 @app.command()
